@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Whether the sources keep their layout: no two folders and no two files of a crate take from each other, and prose is wrapped.
+"""Checks the layout of the sources: no import cycles between folders or files of a crate, and wrapped prose.
 
     python3 .ci/layout.py
 """
@@ -24,7 +24,7 @@ TEST_MODULE = re.compile(
 
 
 def parts_of(body):
-    """The items of a use list `a::b, c::{d, e}`, split at its outermost commas."""
+    """Returns the items of a use list `a::b, c::{d, e}`, split at its outermost commas."""
     depth, start, out = 0, 0, []
     for at, letter in enumerate(body + ","):
         depth += (letter == "{") - (letter == "}")
@@ -35,7 +35,7 @@ def parts_of(body):
 
 
 def end_of_braces(text, start):
-    """The position after the brace that closes the one before `start`."""
+    """Returns the position after the brace that closes the one before `start`."""
     depth = 1
     while depth:
         depth += (text[start] == "{") - (text[start] == "}")
@@ -44,7 +44,7 @@ def end_of_braces(text, start):
 
 
 def code_of(text):
-    """A file's code without comments, literals and test modules."""
+    """Returns a file's code without comments, literals and test modules."""
     text = LITERAL.sub(" ", text)
     while match := TEST_MODULE.search(text):
         end = match.end() if match["end"] == ";" else end_of_braces(text, match.end())
@@ -53,7 +53,7 @@ def code_of(text):
 
 
 def paths_of(text, module):
-    """The paths that a module's text names outside test modules, from the crate's root."""
+    """Yields the paths in a module's code outside test modules, from the crate's root."""
     text = code_of(text)
     for match in re.finditer(r"\b(crate|super)((?:::\w+)*)(::\{)?", text):
         path = match[2].split("::")[1:]
@@ -71,7 +71,7 @@ def paths_of(text, module):
 
 
 def graph_of(crate):
-    """What each module of a crate takes from, modules as tuples of names."""
+    """Returns the modules that each module of a crate uses; modules are tuples of names."""
     modules = {}
     for file in (ROOT / crate).rglob("*.rs"):
         name = file.relative_to(ROOT / crate).with_suffix("").parts
@@ -89,7 +89,7 @@ def graph_of(crate):
 
 
 def cycle_in(graph):
-    """Nodes that lead back to where they began; none if there is no such way."""
+    """Returns nodes of a cycle, the first repeated at the end; None if there is no cycle."""
     done, way = set(), []
 
     def visit(node):
@@ -107,7 +107,7 @@ def cycle_in(graph):
 
 
 def cycles():
-    """A sentence for each crate with a cycle of files or of folders."""
+    """Yields a message for each crate with a cycle of files or folders."""
     for crate in CRATES:
         files = graph_of(crate)
         folders = {}
@@ -119,7 +119,8 @@ def cycles():
 
 
 def long_lines():
-    """Lines of prose that are too long: tables, code, headings and what has no space to break at may be."""
+    """Yields prose lines that are too long; tables, code, headings and lines without a space to break at are
+    exempt."""
     tracked = subprocess.run(["git", "ls-files", "*.md"], cwd=ROOT, capture_output=True, text=True, check=True)
     for name in tracked.stdout.split():
         is_code = is_generated = False
@@ -153,7 +154,7 @@ fn name<'a>(_: &'a str) -> crate::last::Name {
 
 
 def check_sample():
-    """Checks that a sample's paths are found before and after its test modules but not inside them."""
+    """Checks on a sample that paths are found before and after its test modules but not inside them."""
     found = list(paths_of(SAMPLE, ("folder", "file")))
     assert found == [["folder", "sibling", "One"], ["folder", "sibling", "Two"], ["last", "Name"]], found
 

@@ -17,21 +17,21 @@ ALLOWED = """
     ISC, MIT, MIT-0, MPL-2.0, NCSA, Unicode-3.0, Unlicense, Zlib
 """
 ALLOWED = {name.strip() for name in ALLOWED.split(",")}
-# Packages that name no SPDX expression, by the licence in their LICENSE file.
+# Packages without an SPDX expression, by the licence in their LICENSE file.
 BY_FILE = {"cfg_block": "Apache-2.0"}
-# One version of each, or their types differ.
+# A single version of each is required, since types of different versions differ.
 SINGLE = re.compile(r"burn(-\w+)*|headtail(-\w+)*")
 
 
 def is_allowed(expression):
-    """Whether an SPDX expression (with `/` as the old form of `OR`) can be met by allowed licences."""
+    """Returns whether allowed licences satisfy an SPDX expression (with `/` as the old form of `OR`)."""
     terms = re.split(r"(\(|\)|/|\bAND\b|\bOR\b)", expression)
     words = {"AND": "and", "OR": "or", "/": "or", "(": "(", ")": ")", "": ""}
     return bool(eval(" ".join(words.get(term.strip(), str(term.strip() in ALLOWED)) for term in terms)))
 
 
 def faults(manifest):
-    """A line for each package of a workspace that must not be there."""
+    """Yields a line for each forbidden package of a workspace."""
     command = "cargo metadata --locked --all-features --format-version 1 --manifest-path".split() + [ROOT / manifest]
     packages = json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE).stdout)["packages"]
     sources, versions = set(), {}

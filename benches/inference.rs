@@ -1,7 +1,8 @@
 //! Native inference of heads, without tail and map: `cargo bench --bench inference`.
 //!
-//! One thread. Every sample has a condition of its own. `prepare` is what depends on the condition alone (encoder and condition layers);
-//! `sample` and `density` are what is left for a sample. Weights are the initial ones; they do not change the time.
+//! One thread. Every sample has its own condition. `prepare` covers the parts that depend only on the
+//! condition (encoder and condition layers); `sample` and `density` cover the rest. Weights are the initial
+//! ones; they do not affect the time.
 
 use std::hint::black_box;
 
@@ -48,7 +49,8 @@ fn tile() -> Tile {
     Tile::of(&(0..SAMPLES).map(|_| point()).collect::<Vec<_>>())
 }
 
-/// Measures `work` with the head, the rows, their state, and two columns of uniform numbers before three to be written.
+/// Measures `work` with the head, the rows, their state, two input columns of uniform numbers and three
+/// output columns.
 fn bench(
     bencher: Bencher,
     name: (Preset, Mode),

@@ -1,10 +1,10 @@
 //! Time of one direction sample, without rays: `cargo bench --bench sampling`.
 //!
-//! Samplers work on tiles of 256 shading points, as the integrator calls them; each point has a normal of its own, so preparation is part of
-//! the time. `coherent` normals lie within six degrees of each other, as those of neighbouring pixels do; `scattered` normals are
-//! uniform over the sphere. The map is the file named by the environment variable HEADTAIL_MAP, else the built-in `studio`;
-//! `patches-ggx` and `mis-ggx` are of a surface of alpha = 0.4 that is seen from all sides. Weights of heads are the initial ones; they do not change
-//! the time.
+//! Samplers process tiles of 256 shading points, as in the integrator; each point has its own normal, so
+//! preparation is included. `coherent` normals lie within six degrees of each other, like those of
+//! neighbouring pixels; `scattered` normals are uniform over the sphere. The map is the file named by the
+//! environment variable HEADTAIL_MAP, else the built-in `studio`; `patches-ggx` and `mis-ggx` use a surface
+//! of alpha = 0.4 seen from all sides. Weights of heads are the initial ones; they do not affect the time.
 
 use std::{
     hint::black_box,
@@ -44,7 +44,7 @@ static LIGHT: LazyLock<EnvironmentLight> = LazyLock::new(|| {
     EnvironmentLight::new(environment, TailKind::Hierarchical).expect("the map is lit")
 });
 
-/// Which normals the samples have.
+/// The distribution of normals.
 #[derive(Clone, Copy, Debug)]
 enum Normals {
     Coherent,
@@ -53,12 +53,12 @@ enum Normals {
 
 const NORMALS: [Normals; 2] = [Normals::Coherent, Normals::Scattered];
 
-/// Diffuse points, seen along their normals.
+/// Returns diffuse points, seen along their normals.
 fn tiles(normals: Normals) -> Vec<Tile> {
     tiles_of(normals, Lambert { albedo: Vec3::ONE }.into(), 0.0)
 }
 
-/// Points of a surface, seen from directions that differ from their normals by so much.
+/// Returns points of a surface, seen from directions at an angle of `tilt` to their normals.
 fn tiles_of(normals: Normals, surface: Surface, tilt: f32) -> Vec<Tile> {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let around = random.direction();
@@ -73,12 +73,12 @@ fn tiles_of(normals: Normals, surface: Surface, tilt: f32) -> Vec<Tile> {
     (0..TILES).map(|_| Tile::of(&(0..TILE).map(|_| point()).collect::<Vec<_>>())).collect()
 }
 
-/// One sample of each point.
+/// Measures one sample per point.
 fn bench(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
     bench_tiles(bencher, &tiles(normals), sampler);
 }
 
-/// The same on a glossy surface.
+/// Measures one sample per point on a glossy surface.
 fn bench_glossy(bencher: Bencher, normals: Normals, sampler: &dyn Sampler) {
     bench_tiles(bencher, &tiles_of(normals, Ggx::new(0.4, Vec3::ONE).into(), 0.8), sampler);
 }
@@ -160,7 +160,7 @@ fn head_with_mis(bencher: Bencher, normals: Normals) {
     bench(bencher, normals, &OneSampleMis::new(ProductSampler::new(LIGHT.clone(), head(true)), BrdfSampler));
 }
 
-/// Two numbers of each point.
+/// Measures drawing two numbers per point.
 #[divan::bench(args = ["independent", "sobol", "zsobol:16"])]
 fn points(bencher: Bencher, set: &str) {
     let (tiles, arena) = (tiles(Normals::Coherent), Arena::default());
@@ -175,7 +175,7 @@ fn points(bencher: Bencher, set: &str) {
     });
 }
 
-/// Candidates, their light and BRDF, and the survivor.
+/// Measures candidates, their light and BRDF, and the selection.
 #[divan::bench(name = "ris:4", args = NORMALS)]
 fn ris(bencher: Bencher, normals: Normals) {
     let emitter = Covering::new(EmitterSampler::new(LIGHT.clone())).expect("an exact tail");

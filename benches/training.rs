@@ -1,7 +1,7 @@
 //! Time of a training step's gradient: `cargo bench --bench training`.
 //!
-//! The head of the preset `paper-ggx` (36 k weights, K = 32), forward and backward on a batch that is already in memory, in two forms:
-//! in the tensor library's graph, and fused.
+//! The head of the preset `paper-ggx` (36 k weights, K = 32), forward and backward on a batch in memory, in
+//! two forms: in the tensor library's graph, and fused.
 
 use divan::{Bencher, counter::ItemsCount};
 use headtail_model::{Head, HeadConfig, Mode};
@@ -16,7 +16,7 @@ use headtail_train::{
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
 
-/// A microfacet batch under the built-in studio.
+/// Returns a microfacet batch under the built-in studio.
 fn batch(conditions: usize, strata: usize) -> Batch {
     let environment = Environment::open("studio").expect("a built-in environment");
     let (width, height) = (environment.width(), environment.height());

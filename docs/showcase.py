@@ -1,6 +1,7 @@
-"""The pictures of the documentation, by one command: python3 docs/showcase.py --data FOLDER --out docs
+"""Generates the pictures of the documentation: python3 docs/showcase.py --data FOLDER --out docs
 
-Needs the Python package Pillow and a built `headtail`. FOLDER holds envmaps/ and scenes/. --quick renders a few samples, to look at the arrangement.
+Needs the Python package Pillow and a built `headtail`. FOLDER contains envmaps/ and scenes/. --quick renders
+few samples, to check the layout.
 """
 
 import argparse
@@ -18,7 +19,7 @@ SCENES = {
     "arcade": "sunset",
     "cloth": "studio",
 }
-# Map, azimuth and pitch of the photograph, object and how it is placed.
+# Map, azimuth and pitch of the photograph, object and its placement.
 COMPOSITES = {
     "spot, lebombo": ("lebombo_1k.hdr", 160, -24, "spot.glb", ["--material", "lambert", "--size", "1.1", "--turn", "30"]),
     "shader ball, noon_grass": ("noon_grass_1k.hdr", 40, -26, "usd_shaderball.glb", ["--size", "1.0"]),
@@ -28,7 +29,7 @@ LABEL = 34
 
 
 def montage(tiles, columns, path):
-    """Joins pictures of one size, each above its label, on white."""
+    """Joins pictures of one size on white, each above its label."""
     width, height = tiles[0][1].size
     rows = -(-len(tiles) // columns)
     sheet = Image.new("RGB", (columns * width, rows * (height + LABEL)), "white")

@@ -1,8 +1,10 @@
-//! Hashes the sources that decide what a sampler draws and what it costs, so that every measurement can name them.
+//! Hashes the sources that determine what a sampler draws and what it costs, so that measurements can name
+//! them.
 
 use std::{fs, path::Path};
 
-/// Folders and files of `sampling/src` or `render/src` on which directions, densities, pictures or their time depend.
+/// Folders and files of `sampling/src` or `render/src` that affect directions, densities, pictures or their
+/// time.
 const SOURCES: [&str; 32] = [
     "bake",
     "batch.rs",
@@ -47,7 +49,7 @@ fn main() {
                 println!("cargo:rerun-if-changed={}", path.display());
                 add(path, source, &mut hasher);
             }
-            // A published package lies apart from the sources; its version names them.
+            // In a published package these sources are missing; its version stands for them.
             None => {
                 hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
             }
@@ -57,7 +59,7 @@ fn main() {
     println!("cargo:rustc-env=HEADTAIL_SOURCES={}", &hash[..16]);
 }
 
-/// Adds a file, or the files of a folder in the order of their names, with tests, comments and white space left out.
+/// Adds a file, or the files of a folder in order of name, without tests, comments and white space.
 fn add(path: &Path, name: &str, hasher: &mut blake3::Hasher) {
     if path.is_dir() {
         let mut entries: Vec<_> =
@@ -73,7 +75,7 @@ fn add(path: &Path, name: &str, hasher: &mut blake3::Hasher) {
     }
 }
 
-/// The code of a file without its unit tests, lines of comments and white space.
+/// Returns the code of a file without its unit tests, comment lines and white space.
 fn code_of(text: &str) -> String {
     let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let lines = code.lines().map(str::trim).filter(|line| !line.starts_with("//"));

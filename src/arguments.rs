@@ -24,49 +24,55 @@ use crate::light::LightArguments;
 use crate::progress;
 use crate::terminal::{self, detail, note};
 
-/// What may be learned of a scene, unless another number is given.
+/// Default memory for precomputed visibility, in MB of 2^20 bytes.
 pub const VISIBILITY_MEGABYTES: u32 = (LearnedVisibility::MEMORY >> 20) as u32;
 
-/// Which picture to take.
+/// Scene, environment and settings of a picture.
 #[derive(Args, Clone, Debug)]
 pub struct ViewArguments {
-    /// A built-in scene (temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane) or a glTF 2.0 file (.glb, .gltf); FILE#NAME
-    /// is another of the file's scenes than the default.
+    /// Built-in scene or glTF 2.0 file (.glb, .gltf).
+    /// Built-in: temple, dishes, diorama, droid, bedroom, cloth, arcade, sphere, plane. FILE#NAME selects a
+    /// scene of the file other than the default.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
-    /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
+    /// Built-in environment, or Radiance .hdr or OpenEXR map.
+    /// Built-in: overcast, window, studio, sunset.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
     #[command(flatten)]
     pub map: MapArguments,
     #[command(flatten)]
     pub camera: CameraArguments,
-    /// Name, or number from 0, of a camera in the scene file. Default: the first perspective camera.
+    /// Camera of the scene file, by name or by number from 0.
+    /// Default: the first perspective camera.
     #[arg(long = "camera", value_name = "NAME", conflicts_with = "look_from")]
     pub own_camera: Option<String>,
-    /// Put a grey diffuse plane under the scene, which reaches to the horizon.
+    /// Put a grey diffuse plane under the scene, out to the horizon.
     #[arg(long)]
     pub ground: bool,
-    /// Give every surface one material, the ground too: lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH (a width that
-    /// varies over the scene), both with [,f0=F]; or measured ones, nbrdf:FILE#NAME,NAME,..., which the scene's meshes take in turn; or
-    /// neural:FILE[,repeat=N,on=NAME], a neural material on the meshes called `fabric` (or NAME), else on all that have texture coordinates. Default:
-    /// the scene's materials.
+    /// Give every surface, the ground included, one material.
+    /// Forms: lambert[:albedo=A]; ggx:alpha=A or ggx:alpha=LOW..HIGH (a roughness that varies over the
+    /// scene), both with [,f0=F]; nbrdf:FILE#NAME,NAME,... (measured materials, assigned to the scene's
+    /// meshes in turn); neural:FILE[,repeat=N,on=NAME] (a neural material on the meshes called `fabric` or
+    /// NAME, else on all with texture coordinates). Default: the scene's materials.
     #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     pub material: Option<MaterialSpec>,
-    /// Leave out shadow rays: every point sees the whole environment.
+    /// Trace no shadow rays: every point sees the whole environment.
     #[arg(long)]
     pub unshadowed: bool,
-    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    /// Maximum number of surfaces on a light path: 1 is direct light only.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "unshadowed", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub depth: u32,
-    /// The points that samples are taken at: sobol (an Owen-scrambled sequence for each pixel), zsobol (one that neighbouring pixels share, for a
-    /// finer grain; with :N in sets of N samples, else in sets that the budget fits into) or independent (random).
+    /// Sample points: sobol, zsobol, zsobol:N or independent.
+    /// sobol: an Owen-scrambled sequence per pixel; zsobol: one that neighbouring pixels share, for a finer
+    /// grain, in sets of N samples (without :N, in sets that the budget fits into); independent: random.
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
     pub points: PointChoice,
-    /// Most that samplers with +vis learn of a scene, in MB of 2^20 bytes; its cells grow where that is not enough.
+    /// Memory for visibility of +vis samplers, in MB of 2^20 bytes.
+    /// Cells are larger where it is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
     pub visibility_memory: u32,
-    /// Let samplers with +vis draw with what they know of a scene even where that is foreseen to gain less than it takes.
+    /// Use +vis visibility even if its predicted gain is below its cost.
     #[arg(long)]
     pub visibility_always: bool,
     /// Threads to render with. Default: all cores.
@@ -74,7 +80,7 @@ pub struct ViewArguments {
     pub threads: Option<u16>,
 }
 
-/// The camera, and the size of its picture.
+/// Camera and image size.
 #[derive(Args, Clone, Debug)]
 pub struct CameraArguments {
     /// Image width in pixels.
@@ -83,7 +89,8 @@ pub struct CameraArguments {
     /// Image height in pixels.
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(1..=16384))]
     pub height: u32,
-    /// Camera position in metres. Default: the scene's camera, else one that frames the scene.
+    /// Camera position in metres.
+    /// Default: the scene's camera, else one that frames the scene.
     #[arg(long, value_name = "X,Y,Z", requires = "look_at", allow_hyphen_values = true)]
     pub look_from: Option<Triple>,
     /// The point that the camera looks at.
@@ -94,20 +101,22 @@ pub struct CameraArguments {
     pub fov: Option<f32>,
 }
 
-/// What a map's file leaves open.
+/// Layout and layer of a map, where its file leaves them open.
 #[derive(Args, Clone, Debug, Default)]
 pub struct MapArguments {
-    /// Layout of the map: latlong, equal-area (the square of pbrt-v4), cube (six faces in a row or a column), cross (an unfolded cube) or
-    /// angular (a light probe). Default: that of the file, else latlong.
+    /// Layout of the map: latlong, equal-area, cube, cross or angular.
+    /// equal-area: the square of pbrt-v4; cube: six faces in a row or a column; cross: an unfolded cube;
+    /// angular: a light probe. Default: that of the file, else latlong.
     #[arg(long, value_name = "LAYOUT")]
     pub env_layout: Option<MapLayout>,
-    /// Layer of an OpenEXR map, or the end of its name. Default: R, G and B without a layer, else Combined, beauty and the like.
+    /// Layer of an OpenEXR map, or the end of its name.
+    /// Default: R, G and B without a layer, else Combined, beauty and the like.
     #[arg(long, value_name = "NAME")]
     pub env_layer: Option<String>,
 }
 
 impl MapArguments {
-    /// The map's name with what is known of it.
+    /// Returns the map's name with the given layout and layer.
     pub fn of(&self, env: &str) -> String {
         match (self.env_layout, &self.env_layer, MapSpec::parse(env)) {
             (None, None, _) | (.., Err(_)) => env.to_owned(),
@@ -120,19 +129,19 @@ impl MapArguments {
 }
 
 impl CameraArguments {
-    /// The scene's own camera, and a picture of this size.
+    /// Returns the scene's own camera and this image size.
     pub fn of_size(width: u32, height: u32) -> Self {
         Self { width, height, look_from: None, look_at: None, fov: None }
     }
 
-    /// What the arguments describe.
+    /// Returns the settings that the arguments describe.
     pub fn settings(&self) -> CameraSettings {
         let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
         let (look_from, look_at) = (place(self.look_from), place(self.look_at));
         CameraSettings { width: self.width, height: self.height, look_from, look_at, fov: self.fov }
     }
 
-    /// The camera; what is not given is as in the scene's own.
+    /// Opens the camera; missing values are those of the scene's own.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
         Ok(self.settings().open(scene)?)
     }
@@ -177,7 +186,7 @@ pub const TAILS: [(TailKind, &str, &str); 3] = [
 ];
 
 impl ViewArguments {
-    /// A view with the scene's own materials, shadows and light from one surface, rendered with Sobol points.
+    /// Returns a view with the scene's own materials, shadows and direct light, rendered with Sobol points.
     pub fn of(scene: &str, env: &str, camera: CameraArguments) -> Self {
         Self {
             scene: scene.to_owned(),
@@ -196,7 +205,7 @@ impl ViewArguments {
         }
     }
 
-    /// What the arguments describe.
+    /// Returns the settings that the arguments describe.
     pub fn settings(&self) -> ViewSettings {
         ViewSettings {
             ground: self.ground,
@@ -214,7 +223,7 @@ impl ViewArguments {
     /// Opens scene and environment and sets the number of threads.
     pub fn open(&self) -> Result<OpenedView> {
         if let Some(threads) = self.threads {
-            // A second call in one process keeps the first number; the commands call this once.
+            // `build_global` succeeds once per process; each command calls this once.
             rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
         }
         let settings = self.settings();
@@ -226,10 +235,10 @@ impl ViewArguments {
         Ok(opened)
     }
 
-    /// [`Self::open`] with changed light and a part of the picture.
+    /// [`Self::open`] with changed light and restricted to a part of the picture.
     ///
     /// # Errors
-    /// Also if the part is not in the picture, or the light cannot be turned.
+    /// Those of [`Self::open`]; if the part is outside the picture; if the light cannot be turned.
     pub fn open_part(&self, light: LightArguments, crop: Option<Crop>) -> Result<OpenedView> {
         let mut opened = self.open()?;
         let part = crop.map(|crop| crop.of(&opened.view())).transpose()?;
@@ -239,7 +248,7 @@ impl ViewArguments {
     }
 }
 
-/// The forms of SPECs, after a first sentence.
+/// Returns a first sentence and the list of all forms of SPEC.
 pub fn samplers_help(first: &str) -> String {
     use headtail_render::spec::forms::{Purpose, list};
     let [used, paper, baseline, study] =
@@ -249,7 +258,7 @@ pub fn samplers_help(first: &str) -> String {
     )
 }
 
-/// Says on standard error what was decided about a file.
+/// Prints notes and warnings about a file on standard error.
 ///
 /// # Errors
 /// With `--strict`, the first warning.
@@ -257,14 +266,15 @@ pub fn say_remarks(file: &str, remarks: &[Remark]) -> Result<()> {
     remarks.iter().try_for_each(|remark| terminal::say_remark(file, remark))
 }
 
-/// Opens a scene and says on standard error what of its file is not shown; without `materials`, those of a file are not read.
+/// Opens a scene and reports on standard error which parts of its file are not shown. If `materials` is
+/// false, the file's materials are not read.
 pub fn open_scene(name_or_path: &str, materials: bool) -> Result<Scene> {
     let scene = Scene::open_dressed(name_or_path, materials)?;
     say_remarks(name_or_path, scene.remarks())?;
     Ok(scene)
 }
 
-/// Opens an environment and says on standard error what was converted or had to be repaired in it.
+/// Opens an environment and reports conversions and repairs on standard error.
 pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
     let busy = progress::busy("map");
     let environment = Environment::open(name_or_path)?;
@@ -274,7 +284,7 @@ pub fn open_environment(name_or_path: &str) -> Result<Arc<Environment>> {
     Ok(Arc::new(environment))
 }
 
-/// Says on standard error where a file that knows only the cosine is to serve glossy surfaces.
+/// Notes on standard error if a file made for diffuse surfaces is used on glossy ones.
 pub fn note_surfaces(spec: &SamplerSpec, opened: &OpenedView) -> Result<()> {
     if !opened.is_diffuse()
         && spec.has_pdf()
@@ -295,7 +305,7 @@ pub fn note_surfaces(spec: &SamplerSpec, opened: &OpenedView) -> Result<()> {
     Ok(())
 }
 
-/// Says on standard error where a file is used otherwise than it was trained for.
+/// Notes on standard error if a file is used in a way that it was not trained for.
 pub fn note_use(spec: &SamplerSpec) -> Result<()> {
     if let Some((FileKind::Head, file)) = spec.path()
         && spec.has_pdf()
@@ -309,7 +319,7 @@ pub fn note_use(spec: &SamplerSpec) -> Result<()> {
     Ok(())
 }
 
-/// A budget of samples per pixel or of seconds, of which exactly one is given.
+/// Returns the budget of samples per pixel or of seconds; exactly one must be given.
 pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> Result<Budget> {
     match (spp, seconds) {
         (Some(spp), None) => {

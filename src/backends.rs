@@ -19,22 +19,25 @@ Each row is one backend: points per second through forward, backward and optimis
 process's peak memory; the last loss; the largest difference of a step's loss to the first row's; and the gradient's difference to \
 central differences in f64, relative to its norm.")]
 pub struct Arguments {
-    /// The configuration: paper-cosine, paper-ggx, fast-cosine, fast-ggx or over-patches.
+    /// Configuration.
+    /// paper-cosine, paper-ggx, fast-cosine, fast-ggx or over-patches.
     #[arg(long, default_value = "paper-ggx")]
     preset: Preset,
-    /// How the coupling layers are joined: coupled or autoregressive. Default: the preset's.
+    /// Composition of the coupling layers: coupled or autoregressive.
+    /// Default: the preset's.
     #[arg(long, value_parser = parse::<headtail_train::Mode>)]
     mode: Option<headtail_train::Mode>,
     /// Conditions per step.
     #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=65536))]
     conditions: u32,
-    /// Points per condition; as many of them as make a square are strata, the others come from BRDF sampling.
+    /// Points per condition.
+    /// The largest square in N is stratified, the rest comes from BRDF sampling.
     #[arg(long, default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     samples: u32,
-    /// Steps; the first is not timed if there are more.
+    /// Steps. If there are several, the first is not timed.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     steps: u32,
-    /// Only this backend: flex, ndarray or wgpu.
+    /// Run only this backend: flex, ndarray or wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
     /// How gradients are computed: auto, fused or in-graph.
@@ -45,7 +48,7 @@ pub struct Arguments {
     json: bool,
 }
 
-/// A value by the name that it has in configuration files.
+/// Parses a value by its name in configuration files.
 pub fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(text.into()).map_err(|error: serde_json::Error| error.to_string())
 }
@@ -79,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         bar.finish_and_clear();
         match row {
             Ok(row) => rows.push(row),
-            // Left out of this build; asked for by name, it is an error.
+            // Not in this build; an error only if requested by name.
             Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}
             Err(error) => return Err(error.into()),
         }

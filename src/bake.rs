@@ -1,4 +1,4 @@
-//! `headtail bake`: tabulate a head, or the target itself, or what is seen of the sky in a scene.
+//! `headtail bake`: tabulates a head, the target itself, or the visibility of the sky in a scene.
 
 mod visibility;
 
@@ -20,7 +20,10 @@ use crate::output::OutputFile;
 use crate::progress;
 use crate::terminal::say;
 
-/// Tabulate a trained head, or the cosine product itself without any training, over a grid of normals; or the visibility of the sky in a scene.
+/// Tabulate a head, the cosine product or the visibility in a scene.
+///
+/// A trained head, or the product of light and cosine without training, over a grid of normals; or the
+/// visibility of the sky in a scene.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail bake --direct --env studio --out out/studio-direct.safetensors
@@ -39,10 +42,11 @@ pub struct Arguments {
     /// Bake light x cosine itself; needs --env.
     #[arg(long, requires = "env")]
     direct: bool,
-    /// Learn what is seen of the sky in a scene; needs --env and --scene.
+    /// Precompute sky visibility in a scene; needs --env and --scene.
     #[arg(long, requires = "env", requires = "scene")]
     visibility: bool,
-    /// The map for --direct and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    /// Map for --direct and --visibility.
+    /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", conflicts_with = "from", value_parser = given::<String>())]
     env: Option<String>,
     #[command(flatten)]
@@ -50,7 +54,7 @@ pub struct Arguments {
     /// The tail warp for --direct.
     #[arg(long, default_value = "hierarchical", conflicts_with = "from", value_parser = one_of(&TAILS))]
     tail: TailKind,
-    /// Normals from pole to pole x around.
+    /// Grid of normals: polar x azimuth.
     #[arg(long, value_name = "ROWSxCOLUMNS", default_value = "16x32")]
     normals: Grid,
     /// Cells of the intermediate square, elevation x azimuth.
@@ -84,7 +88,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let tabulating = Instant::now();
             let table = with_bar(|show| learned_bake_watched(head, &exported.tail, normals, cells, show))?;
             let seconds = tabulating.elapsed().as_secs_f64();
-            // A file without the time of its training is one that must not depend on the clock.
+            // A file without a training time must not depend on the clock.
             let training = exported
                 .training
                 .clone()
@@ -102,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Bakes with a bar that begins with the first share, so that what comes before is not taken for a part of it.
+/// Bakes with a bar that starts at the first report, so that earlier work does not count.
 fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     let bar = OnceLock::new();
     let show = |share: f64| bar.get_or_init(|| progress::bar(progress::SHARES, "baking")).shares()(share);
@@ -111,19 +115,19 @@ fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     table
 }
 
-/// What a table is set by, as a part of the settings that its file holds.
+/// Formats the grid sizes for the settings that the file records.
 fn settings(direct: bool, normals: NormalGrid, cells: CellGrid) -> String {
     let ((polar, azimuth), (rows, columns)) = (normals.shape(), cells.shape());
     format!("[bake]\ndirect = {direct}\nnormals = [{polar}, {azimuth}]\ncells = [{rows}, {columns}]\n")
 }
 
-/// The settings of a direct bake.
+/// Formats the settings of a direct bake.
 fn direct_settings(name: &str, tail: TailKind, normals: NormalGrid, cells: CellGrid) -> Result<String> {
     let [map, tail] = [toml::Value::from(name), toml::Value::try_from(tail)?];
     Ok(format!("env = {map}\ntail = {tail}\n\n{}", settings(true, normals, cells)))
 }
 
-/// The direct bake for a map, of which `name` is what the user calls it.
+/// Bakes light x cosine for a map; `name` is the map as the user gave it.
 pub fn direct(
     name: &str,
     environment: &Environment,

@@ -8,7 +8,8 @@ use clap::Args;
 use crate::terminal::say;
 use crate::{output::OutputFile, report};
 
-/// Chart speed against accuracy for several comparisons, one chart for each and one over all.
+/// Chart speed against accuracy of several comparisons.
+/// One chart for each and one over all.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail chart out/temple out/dishes out/droid --out out/chart.html
@@ -17,10 +18,10 @@ Samplers of different folders are the same if their kind and the last name of th
 folder of its own, under equal names. Over all comparisons, time and error are geometric means of the ratios to one-sample MIS (mis), \
 over the samplers that every comparison has.")]
 pub struct Arguments {
-    /// Folders that `headtail compare` has written.
+    /// Folders written by `headtail compare`.
     #[arg(required = true, value_name = "DIR")]
     results: Vec<PathBuf>,
-    /// The page.
+    /// Page to write.
     #[arg(long, value_name = "FILE.html")]
     out: PathBuf,
 }

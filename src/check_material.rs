@@ -1,4 +1,4 @@
-//! `headtail check-material`: a neural material against what it was fitted to.
+//! `headtail check-material`: compares a neural material with its source.
 
 use std::path::PathBuf;
 
@@ -18,7 +18,7 @@ use crate::{
     terminal::{self, out},
 };
 
-/// Compare a neural material with its source: errors, and pictures beside each other.
+/// Compare a neural material with its source, by error and side by side.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail check-material --material checkpoints/welt.safetensors --source welt --out out/welt.png
@@ -26,19 +26,19 @@ use crate::{
 The picture has three rows: a flat piece of cloth from near to far, on the left as light paths find it, on the right as the material has \
 it. Errors are peak signal-to-noise ratios of radiance, where 1 is that of a white diffuse surface that faces the light.")]
 pub struct Arguments {
-    /// The material.
+    /// Material to check.
     #[arg(long, value_name = "FILE")]
     material: PathBuf,
-    /// What it was fitted to: welt, satin, velvet, jersey, lacquer or anodized.
+    /// Source: welt, satin, velvet, jersey, lacquer or anodized.
     #[arg(long, value_name = "NAME")]
     source: SourceKind,
-    /// Light paths for each pixel and light, and twice as many for each of the questions.
+    /// Light paths per pixel and light; error queries take twice as many.
     #[arg(long, value_name = "N", default_value_t = 128, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     paths: u32,
-    /// Questions that the error over all directions and places is measured with.
+    /// Queries for the error over all directions and places.
     #[arg(long, value_name = "N", default_value_t = 2048, value_parser = clap::value_parser!(u32).range(16..=1 << 20))]
     questions: u32,
-    /// Threads; all by default.
+    /// Threads. Default: all.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
     /// Print the errors as a JSON object.
@@ -49,17 +49,17 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// A source that shows how many light paths are done.
+/// Source that shows completed light paths on a bar.
 struct Watched<'a> {
     source: &'a dyn Source,
     bar: &'a progress::Bar,
 }
 
-/// Light paths between two steps of the bar, for each query.
+/// Light paths per query between two updates of the bar.
 const STEP: u32 = 128;
 
 impl Source for Watched<'_> {
-    /// The mean over parts of the light paths, each with a seed of its own.
+    /// Returns the mean over batches of light paths, each with its own seed.
     fn reflect(&self, queries: &[Query], samples: u32, seed: u64) -> Vec<Vec3> {
         let mut sum = vec![Vec3::ZERO; queries.len()];
         for part in 0..samples.div_ceil(STEP) {
@@ -73,7 +73,7 @@ impl Source for Watched<'_> {
     }
 }
 
-/// Measures and writes the picture.
+/// Measures the errors and writes the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(threads) = arguments.threads {
         rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global()?;
@@ -96,7 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             out!("at {distance} tiles: {error:.1} dB");
         }
     }
-    // Another seed than that of any fit by default: none of these questions was asked.
+    // Differs from the default seed of a fit, so that no query was used in training.
     let Decibels { psnr, noise, snr } =
         error_over(&source, &material, arguments.questions as usize, 2 * arguments.paths, 1 << 40);
     bar.finish_and_clear();

@@ -26,7 +26,8 @@ use crate::{
     report::{self, Comparison, Preparation, State},
 };
 
-/// Compare samplers on one view; writes results.csv, report.html and the images.
+/// Compare samplers on one view.
+/// Writes results.csv, report.html and the images.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail compare --scene temple --env studio --samplers cosine,emitter,mis,ris:4 --spp 4,16,64 --out out/temple
@@ -46,29 +47,32 @@ pub struct Arguments {
     /// Samples per pixel; several are separated by commas.
     #[arg(long, value_name = "N,...", value_delimiter = ',', required_unless_present = "seconds")]
     spp: Vec<u32>,
-    /// Seconds per image; several are separated by commas. Each sampler is timed beforehand, and then takes the
-    /// number of samples that fits.
+    /// Seconds per image; several are separated by commas.
+    /// Each sampler is timed first, then takes the number of samples that fits.
     #[arg(long, value_name = "T,...", value_delimiter = ',')]
     seconds: Vec<f64>,
-    /// Runs with different seeds for each sampler and budget.
+    /// Runs per sampler and budget, each with its own seed.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     runs: u32,
     /// Seed of the first run; run k has seed + k.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// OpenEXR image to measure errors against. Default: render one with `patches` and --reference-spp.
+    /// OpenEXR reference image.
+    /// Default: render one with `patches` and --reference-spp.
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
-    /// Samples per pixel that the rendered reference has at least; up to four times as many are taken until its noise is below a twentieth of the smallest
-    /// error.
+    /// Minimum samples per pixel of the rendered reference.
+    /// Up to 4x as many are taken until its noise is below 5 % of the smallest error.
     #[arg(long, value_name = "N", default_value_t = 1024, value_parser = clap::value_parser!(u32).range(1..))]
     reference_spp: u32,
-    /// Folder in which rendered references are kept and looked for, by a hash of all that they depend on.
+    /// Cache folder for rendered references.
+    /// Files are named by a hash of everything that the reference depends on.
     #[arg(long, value_name = "DIR", conflicts_with = "reference")]
     reference_cache: Option<PathBuf>,
     #[command(flatten)]
     light: LightArguments,
-    /// Compare only a part of the picture: its first column and row, its width and height, in pixels of the whole.
+    /// Compare only a part: first column, first row, width and height.
+    /// In pixels of the whole picture.
     #[arg(long, value_name = "X,Y,W,H")]
     crop: Option<Crop>,
     /// Print all runs as an array of JSON objects.
@@ -80,7 +84,7 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// The comparison that `headtail demo` makes.
+    /// Returns the comparison of `headtail demo`.
     pub fn new(view: ViewArguments, samplers: Vec<SamplerSpec>, out: PathBuf) -> Self {
         let (spp, seconds) = (vec![1, 4, 16], vec![1.0]);
         Self {
@@ -101,15 +105,15 @@ impl Arguments {
     }
 }
 
-/// Renders everything; the results are written as they come.
+/// Renders all runs and writes the results after each.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    // From here on a signal ends it in order.
+    // From here on, signals end the command in order.
     progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["results.csv", "report.html"])?;
     perform(arguments, &output)
 }
 
-/// The same in a folder that was taken before.
+/// Runs the comparison in an output folder that is already taken.
 ///
 /// # Errors
 /// If something cannot be opened, rendered or written; [`progress::Interrupted`] after a signal.
@@ -121,7 +125,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
     check_different("--samplers", specs.iter().map(ToString::to_string))?;
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
-    // The reference and its halves; the first picture of each sampler with each budget, and its errors.
+    // The reference and its halves; for each sampler and budget, the first picture and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
     let stop = progress::stop_flag()?;
     let mut entries = Vec::new();
@@ -165,7 +169,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let mut work = Work::new(&opened, (&entries, &files), &stop, output, comparison, reference.noise)?;
     let ran = work.run_all(&mut reference, &plan);
     if ran.is_err() && !work.comparison.rows.is_empty() {
-        // What was done is kept as far as it can be; the error that is told is the first one.
+        // Keeps completed runs where possible; the first error is the one reported.
         drop(work.finish(State::Interrupted { planned }));
     }
     ran?;
@@ -189,7 +193,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     Ok(())
 }
 
-/// What each run may take.
+/// Returns the budgets of `--spp` and `--seconds`.
 fn budgets(arguments: &Arguments) -> Result<Vec<Budget>> {
     let samples = arguments.spp.iter().map(|&spp| budget(Some(spp), None));
     let times = arguments.seconds.iter().map(|&seconds| budget(None, Some(seconds)));
@@ -198,10 +202,12 @@ fn budgets(arguments: &Arguments) -> Result<Vec<Budget>> {
     Ok(budgets)
 }
 
-/// The image named by `--reference`, else one from the cache, else one that is rendered; a copy of what was not read from a file is written.
+/// Returns the image named by `--reference`, else a cached or newly rendered one, which is copied to the
+/// output folder.
 ///
 /// # Errors
-/// If an image cannot be read or written or has another size; [`progress::Interrupted`] after a signal, when nothing is written.
+/// If an image cannot be read or written or has another size; [`progress::Interrupted`] after a signal, in
+/// which case nothing is written.
 fn obtain_reference(
     arguments: &Arguments,
     opened: &OpenedView,
@@ -229,7 +235,7 @@ fn obtain_reference(
     Ok(reference)
 }
 
-/// An error that names what is given twice.
+/// Returns an error that names the first duplicate, if there is one.
 fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()> {
     let mut seen = std::collections::HashSet::new();
     for name in names {
@@ -238,7 +244,7 @@ fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()
     Ok(())
 }
 
-/// A sampler that is ready to render, and what that took: its files count with the times that they say.
+/// Opens a sampler and measures its preparation, including the times recorded in its files.
 fn prepare(
     spec: &SamplerSpec,
     opened: &OpenedView,

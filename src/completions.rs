@@ -1,4 +1,4 @@
-//! `headtail completions`: what a shell needs to complete commands.
+//! `headtail completions`: shell completion scripts.
 
 use anyhow::Result;
 use clap::{Args, CommandFactory};
@@ -6,14 +6,14 @@ use clap_complete::{Shell, generate};
 
 use crate::terminal::out;
 
-/// Print a script that lets a shell complete commands and options.
+/// Print a script that completes commands and options in a shell.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail completions bash > ~/.local/share/bash-completion/completions/headtail
   headtail completions zsh > ~/.zfunc/_headtail
   headtail completions fish > ~/.config/fish/completions/headtail.fish")]
 pub struct Arguments {
-    /// bash, zsh, fish, elvish or powershell.
+    /// Shell: bash, zsh, fish, elvish or powershell.
     #[arg(value_name = "SHELL")]
     shell: Shell,
 }

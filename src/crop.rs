@@ -1,4 +1,4 @@
-//! A part of a picture, as the command line names it.
+//! A part of a picture, as given on the command line.
 
 use std::str::FromStr;
 
@@ -10,10 +10,10 @@ use headtail_render::integrator::{Part, View};
 pub struct Crop(Part);
 
 impl Crop {
-    /// The part, if the picture has it.
+    /// Returns the part.
     ///
     /// # Errors
-    /// If it reaches beyond.
+    /// If it extends beyond the picture.
     pub fn of(self, view: &View) -> Result<Part> {
         let Self(part) = self;
         ensure!(

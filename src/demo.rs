@@ -26,7 +26,8 @@ use crate::{
     run::RunTable,
 };
 
-/// Train, bake, render and compare on a built-in scene; ends with the page to open. Needs no files, takes under 2 minutes.
+/// Train, bake, render and compare on a built-in scene.
+/// Prints the page to open. Needs no files, takes under 2 minutes.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail demo
@@ -38,12 +39,12 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a map.
     #[arg(long, value_name = "NAME|FILE", default_value = "studio", value_parser = given::<String>())]
     env: String,
-    /// The points that samples are taken at: sobol, zsobol, zsobol:N or independent.
+    /// Sample points: sobol, zsobol, zsobol:N or independent.
     #[arg(long, value_name = "POINTS", default_value = "sobol")]
     points: PointChoice,
 }
 
-/// Runs every step and says what it does.
+/// Runs every step and reports on it.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
     let output =

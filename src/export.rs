@@ -18,7 +18,7 @@ use crate::given::{given, one_of};
 use crate::output::OutputFolder;
 use crate::terminal::{say, warning};
 
-/// Write a sampler as a shader, with the numbers that it reads.
+/// Write a sampler as a shader, with the buffers that it reads.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail export out/room/direct.safetensors --target wgsl --out out/room/shader
@@ -28,14 +28,14 @@ DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_sh
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
 There are shaders of tables and heads over every tail, of patches, and of heads over them.")]
 pub struct Arguments {
-    /// A table that `bake` wrote or a head that `fit` wrote, or patches, or patches:fine, which need --env.
+    /// Table of `bake`, head of `fit`, or patches[:fine], which need --env.
     #[arg(value_name = "FILE|patches", value_parser = given::<String>())]
     sampler: String,
-    /// The map of patches, or the map that FILE must be for: a built-in environment or a .hdr or .exr
-    /// file.
+    /// Map of patches, or the map that FILE must be for.
+    /// A built-in environment or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
-    /// The language.
+    /// Shader language.
     #[arg(long, value_parser = one_of(&TARGETS))]
     target: Target,
     /// Folder for the files.
@@ -51,7 +51,7 @@ const TARGETS: [(Target, &str, &str); 5] = [
     (Target::Spirv, "spirv", "Vulkan"),
 ];
 
-/// The bytes of a storage buffer that a WebGPU device lets a shader see unless it is asked for more: `maxStorageBufferBindingSize`.
+/// WebGPU's default `maxStorageBufferBindingSize`, in bytes.
 const WEBGPU_BINDING: u64 = 134_217_728;
 
 /// Writes the shader, its buffers and their layout.

@@ -1,18 +1,20 @@
-//! The exposure that a picture is shown with, found by the picture itself.
+//! Automatic exposure of pictures.
 
 use headtail_render::{color::luminance, image::Image, integrator::Rendering};
 
-/// The luminance that the mean of a picture is shown with, before the tone curve, which makes 0.37 of it.
+/// Luminance to which the mean of a picture is exposed; the tone curve maps it to 0.37.
 const MIDDLE: f32 = 0.6;
-/// Luminances are means over squares of so many pixels, at least a part of which counts: their order hardly depends on noise.
+/// Side, in pixels, of the blocks over which luminance is averaged: their order hardly depends on noise.
 const BLOCK: usize = 8;
-/// The brightest part of the squares is left out, so that a window or a spot of sun does not make the room black.
+/// Fraction of the brightest blocks that is excluded, so that a window or a spot of sun does not darken the
+/// room.
 const BRIGHTEST: f64 = 0.05;
-/// Stops in either direction; what needs more is empty or broken.
+/// Largest exposure in stops, in either direction; pictures that need more are empty or broken.
 const MOST: f32 = 40.0;
 
-/// The stops by which the surfaces of a rendering (where there is none, the environment) are shown in a middle brightness: the mean of all but the
-/// brightest twentieth. Pictures of one view by different samplers are equally bright but for what noise does to that mean.
+/// Returns the exposure in stops that brings the surfaces of a rendering (if there are none, the environment)
+/// to a middle brightness: the mean without the brightest 5 %. Pictures of one view by different samplers are
+/// equally bright, up to the noise of that mean.
 pub fn of_rendering(rendering: &Rendering) -> f32 {
     let background: Vec<f32> = rendering.coverage.iter().map(|covered| 1.0 - covered).collect();
     of_part(&rendering.surfaces, &rendering.coverage)
@@ -20,7 +22,8 @@ pub fn of_rendering(rendering: &Rendering) -> f32 {
         .unwrap_or(0.0)
 }
 
-/// The stops of an image of which some pixels count (all, if `counted` is empty), rounded to tenths: a number to be quoted.
+/// Returns the exposure of an image in stops, rounded to tenths. Only pixels with `counted` are used (all, if
+/// it is empty or nothing in them is bright).
 pub fn of_image(image: &Image, counted: &[bool]) -> f32 {
     let all = vec![1.0; image.pixels.len()];
     let some: Vec<f32> = counted.iter().map(|&counted| f32::from(u8::from(counted))).collect();
@@ -28,13 +31,14 @@ pub fn of_image(image: &Image, counted: &[bool]) -> f32 {
     (10.0 * stops.unwrap_or(0.0)).round() / 10.0
 }
 
-/// The stops of an image that holds the light of a share of each pixel; `None` where nothing is bright.
+/// Returns the stops of an image that holds the light of the fraction `shares` of each pixel; `None` if all
+/// is black.
 fn of_part(image: &Image, shares: &[f32]) -> Option<f32> {
     let columns = image.width.div_ceil(BLOCK);
     let mut blocks = vec![(0.0_f32, 0.0_f32); columns * image.height.div_ceil(BLOCK)];
     for (k, (&pixel, share)) in image.pixels.iter().zip(shares).enumerate() {
         let light = luminance(pixel.into());
-        // A share of nothing may hold what rounding left there.
+        // Rounding may leave light in pixels with fraction 0.
         if *share > 0.0 && light.is_finite() {
             let (sum, total) = &mut blocks[k / image.width / BLOCK * columns + k % image.width / BLOCK];
             (*sum, *total) = (*sum + light.max(0.0), *total + share);
@@ -45,7 +49,7 @@ fn of_part(image: &Image, shares: &[f32]) -> Option<f32> {
     let whole: f64 = blocks.iter().map(|(_, total)| f64::from(*total)).sum();
     let (mut sum, mut total) = (0.0_f64, 0.0_f64);
     for (light, share) in blocks {
-        // Where the rest is black, the brightest is what there is to see.
+        // If all else is black, the brightest blocks are used.
         if total + f64::from(share) > (1.0 - BRIGHTEST) * whole && sum > 0.0 {
             break;
         }
@@ -64,10 +68,10 @@ mod tests {
     }
 
     #[test]
-    fn the_mean_without_the_brightest_twentieth_is_shown_in_the_middle() {
+    fn exposure_excludes_the_brightest_blocks() {
         assert_eq!(of_image(&grey(40, 40, MIDDLE), &[]), 0.0);
         assert_eq!(of_image(&grey(40, 40, 2.0 * MIDDLE), &[]), -1.0);
-        // One of 25 squares is a window.
+        // One of 25 blocks is a window.
         let mut room = grey(40, 40, MIDDLE);
         for k in 0..64 {
             room.pixels[k / 8 * 40 + k % 8] = [1e6; 3];
@@ -78,8 +82,8 @@ mod tests {
     }
 
     #[test]
-    fn noise_hardly_changes_it() {
-        // One pixel in four has all the light: as one sample of a small lamp.
+    fn exposure_is_robust_to_noise() {
+        // One pixel in four has all the light, like one sample of a small lamp.
         let mut noisy = grey(64, 64, 0.0);
         for k in (0..64 * 64).filter(|k| (k * 2_654_435_761_usize) >> 7 & 3 == 0) {
             noisy.pixels[k] = [4.0 * MIDDLE; 3];

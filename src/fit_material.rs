@@ -16,13 +16,14 @@ use crate::{
     terminal::{self, out, say},
 };
 
-/// Steps between two savings of the state.
+/// Steps between saved states.
 const SAVE_EVERY: usize = 250;
-/// Questions and light paths that the error is measured with.
+/// Queries of the error measurement, and light paths per query.
 const QUESTIONS: usize = 2048;
 const PATHS: u32 = 256;
 
-/// Fit a neural material to cloth or layers, whose light paths are traced while it learns.
+/// Fit a neural material to cloth or layers.
+/// Their light paths are traced during training.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail fit-material --source welt --out checkpoints/welt.safetensors
@@ -33,28 +34,28 @@ Sources: welt (a rough striped weave), satin (metallic threads), velvet (pressed
 wool), lacquer (a clear coat over a diffuse pattern), anodized (a tinted coat over brushed metal). A command that was
 interrupted goes on where it was when it is given again; what it needs for that is beside the file, in FILE.state.")]
 pub struct Arguments {
-    /// What is fitted: welt, satin, velvet, jersey, lacquer or anodized.
+    /// Source: welt, satin, velvet, jersey, lacquer or anodized.
     #[arg(long, value_name = "NAME")]
     source: SourceKind,
     /// File to write.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Texels along a side of the texture's finest level: a power of two.
+    /// Texels per side of the texture's finest level: a power of two.
     #[arg(long, value_name = "N", default_value_t = 64)]
     side: usize,
     /// Training steps.
     #[arg(long, value_name = "N", default_value_t = 4000)]
     steps: usize,
-    /// Samples of a step.
+    /// Samples per step.
     #[arg(long, value_name = "N", default_value_t = 8192)]
     batch: usize,
-    /// Light paths of a sample.
+    /// Light paths per sample.
     #[arg(long, value_name = "N", default_value_t = 1)]
     paths: u32,
     /// Seed of weights and samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threads; all by default. The result does not depend on their number.
+    /// Threads. Default: all. The result does not depend on their number.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
     /// Print the errors as a JSON object.

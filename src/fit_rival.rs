@@ -1,4 +1,4 @@
-//! `headtail fit-rival`: train a sampler of others for a neural material, to compare with.
+//! `headtail fit-rival`: trains a published sampler for a measured or neural material, as a baseline.
 
 use std::{path::PathBuf, sync::atomic::AtomicBool, time::Instant};
 
@@ -17,13 +17,14 @@ use crate::{
     terminal::{self, out, say},
 };
 
-/// Steps between two savings of the state.
+/// Steps between saved states.
 const SAVE_EVERY: usize = 50;
-/// Views and directions of each that a sampler is measured with.
+/// Views, and directions per view, with which a sampler is measured.
 const VIEWS: usize = 256;
 const DIRECTIONS: usize = 2048;
 
-/// Train a sampler of others for a measured or neural material: they know the material and not the light.
+/// Train a published sampler for a measured or neural material.
+/// These samplers depend on the material, not on the light.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail fit-rival --kind flow --material neural:checkpoints/welt.safetensors --out out/welt-flow.safetensors
@@ -35,10 +36,11 @@ Kinds: lobes (NeuSample's two Gaussians and a cosine lobe) and flow (NeuSample's
 neusample+emitter:FILE, reparam (a reparameterising network) as reparam:FILE or reparam+emitter:FILE. A file holds a sampler for each material. \
 A command that was interrupted goes on where it was when it is given again; what it needs for that is beside the file, in FILE.state.")]
 pub struct Arguments {
-    /// Which sampler: lobes, flow or reparam.
+    /// Sampler: lobes, flow or reparam.
     #[arg(long, value_name = "KIND")]
     kind: RivalKind,
-    /// The material: neural:FILE, nbrdf:FILE#NAME or nbrdf:FILE#NAME,NAME and so on, which get a sampler each.
+    /// Material: neural:FILE, nbrdf:FILE#NAME or nbrdf:FILE#NAME,NAME,...
+    /// Each material gets a sampler.
     #[arg(long, value_name = "MATERIAL", value_parser = given::<String>())]
     material: String,
     /// File to write.
@@ -47,16 +49,16 @@ pub struct Arguments {
     /// Training steps.
     #[arg(long, value_name = "N", default_value_t = 2000)]
     steps: usize,
-    /// Views of a step.
+    /// Views per step.
     #[arg(long, value_name = "N", default_value_t = 128)]
     views: usize,
-    /// Directions of each view.
+    /// Directions per view.
     #[arg(long, value_name = "N", default_value_t = 64)]
     directions: usize,
     /// Seed of weights and samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threads; all by default. The result does not depend on their number.
+    /// Threads. Default: all. The result does not depend on their number.
     #[arg(long, value_name = "N")]
     threads: Option<u16>,
     /// Print the figures of each material as an array of JSON objects.
@@ -80,7 +82,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     settings.check()?;
     let materials = RivalMaterial::open(&arguments.material)?;
     let kept = arguments.out.with_added_extension("state");
-    // The time of a part that an earlier command did is not known.
+    // The time of earlier, interrupted commands is unknown.
     let has_gone_on = kept.exists();
     let identities = materials.iter().map(|material| material.identity.to_hex().to_string());
     let target = format!("materials {}", identities.collect::<Vec<_>>().join(", "));
@@ -130,7 +132,7 @@ fn train(
     Ok((rival, state))
 }
 
-/// How good a sampler is.
+/// Quality of a sampler.
 #[derive(serde::Serialize)]
 struct Figures {
     material: String,

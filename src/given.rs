@@ -5,8 +5,8 @@ use std::{error::Error, path::Path, str::FromStr};
 use clap::builder::{OsStringValueParser, PossibleValue, PossibleValuesParser, TypedValueParser};
 use headtail_render::path_text::text_of;
 
-/// Reads an argument as a text in which a path keeps every byte, see [`headtail_render::path_text`]. Unicode stays as it is, so that names
-/// are taken as they were printed.
+/// Returns a parser of texts in which a path keeps every byte, see [`headtail_render::path_text`]. Unicode is
+/// unchanged, so that printed names are accepted.
 pub fn given<T>() -> impl TypedValueParser<Value = T>
 where
     T: FromStr<Err: Into<Box<dyn Error + Send + Sync>>> + Clone + Send + Sync + 'static,
@@ -17,7 +17,7 @@ where
     })
 }
 
-/// Reads one of some values, each given with its name and its help.
+/// Returns a parser of one of several values, each given with its name and its help.
 pub fn one_of<T: Copy + Send + Sync>(
     values: &'static [(T, &'static str, &'static str)],
 ) -> impl TypedValueParser<Value = T> {

@@ -1,4 +1,4 @@
-//! `headtail info`: what a file is.
+//! `headtail info`: describes a file.
 
 use std::path::{Path, PathBuf};
 
@@ -20,14 +20,15 @@ use serde_json::{Map, Value, json};
 
 use crate::terminal::{out, print_json};
 
-/// Say what a file is: a sampler, a map or picture, a scene, a material, learned visibility, a checkpoint, a project of fSpy, or a folder of results.
+/// Describe a file.
+/// A sampler, map, picture, scene, material, precomputed visibility, checkpoint or fSpy project.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail info out/room/sampler.safetensors
   headtail info room.hdr --json
   headtail info out/temple.exr")]
 pub struct Arguments {
-    /// The file.
+    /// File to describe.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Print a JSON object.
@@ -38,7 +39,7 @@ pub struct Arguments {
 /// Names and values, in the order in which they are shown.
 type Facts = Vec<(String, Value)>;
 
-/// Reads the file and prints what it is.
+/// Reads the file and prints its description.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let facts = facts(&arguments.file)?;
     if arguments.json {
@@ -62,7 +63,8 @@ fn facts(path: &Path) -> Result<Facts> {
         "fspy" => project(path),
         "hdr" | "exr" | "pic" | "rgbe" => picture(path),
         _ => {
-            // Named otherwise; a sampler's own words are the best where it is none of all.
+            // Other extensions. If no reader accepts the file, the error of the sampler reader is the most
+            // helpful.
             let others = [picture, visibility, neural_material, trained_for_materials, measured_materials, training];
             others.into_iter().find_map(|read| read(path).ok()).map_or_else(|| sampler(path), Ok)
         }
@@ -128,7 +130,7 @@ fn picture(path: &Path) -> Result<Facts> {
     Ok(facts)
 }
 
-/// Notes and warnings about a file, in lines.
+/// Returns the notes and the warnings about a file, one per line.
 fn remarks_of(remarks: &[Remark]) -> impl Iterator<Item = (String, Value)> {
     let texts = |warnings: bool| -> Vec<&str> {
         remarks.iter().filter(|remark| remark.is_warning() == warnings).map(Remark::text).collect()
@@ -163,7 +165,7 @@ fn trained_for_materials(path: &Path) -> Result<Facts> {
     Ok(facts.into_iter().chain(seconds("seconds of training", file.seconds)).collect())
 }
 
-/// What the file took to be made, where it says so.
+/// Returns the time that making the file took, if it is recorded.
 fn seconds(name: &str, seconds: Option<f64>) -> Option<(String, Value)> {
     seconds.map(|seconds| fact(name, seconds))
 }

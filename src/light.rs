@@ -1,4 +1,4 @@
-//! How a map is turned, scaled and tinted without making another one: samplers that were made for it stay right.
+//! Rotation, scale and tint of a map at render time: samplers made for the map stay valid.
 
 use std::str::FromStr;
 
@@ -6,13 +6,13 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use glam::Vec3A;
 
-/// The light of a picture in terms of its map.
+/// Rotation and scale of a map's light.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct LightArguments {
     /// Turn the map around the vertical, counter-clockwise from above.
     #[arg(long, visible_alias = "turn-env", value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
     pub env_rotate: f32,
-    /// Multiply the map's light: one factor, or three for red, green and blue.
+    /// Multiply the map's light by one factor, or by three for R, G and B.
     #[arg(long, value_name = "S|R,G,B", default_value = "1")]
     pub env_scale: Factors,
 }
@@ -44,7 +44,7 @@ impl Default for LightArguments {
 }
 
 impl LightArguments {
-    /// What a map's name is followed by; nothing for the map as it is.
+    /// Returns the suffix of the map's name; empty for an unchanged map.
     pub fn words(&self) -> String {
         let Factors(scale) = self.env_scale;
         let [r, g, b] = scale.to_array();
@@ -57,10 +57,10 @@ impl LightArguments {
         }
     }
 
-    /// Checks what the parser of arguments does not.
+    /// Checks what the argument parser does not.
     ///
     /// # Errors
-    /// If the angle is no number.
+    /// If the angle is not finite.
     pub fn check(&self) -> Result<()> {
         ensure!(self.env_rotate.is_finite(), "--env-rotate: not an angle");
         Ok(())
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_map_that_was_changed_says_so() {
+    fn changes_are_appended_to_the_name() {
         let of =
             |env_rotate: f32, scale: &str| LightArguments { env_rotate, env_scale: scale.parse().unwrap() }.words();
         assert_eq!(LightArguments::default().words(), "");
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn one_factor_or_three() {
+    fn one_or_three_factors_are_parsed() {
         assert_eq!("2".parse(), Ok(Factors(Vec3A::splat(2.0))));
         assert_eq!("1, 0,0.5".parse(), Ok(Factors(Vec3A::new(1.0, 0.0, 0.5))));
         for wrong in ["", "0", "-1", "nan", "inf", "1,2", "0,0,0", "1,2,3,4", "1,,2"] {

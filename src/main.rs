@@ -54,7 +54,8 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Neural product importance sampling by warp composition: draw directions in proportion to light x BRDF x cosine.
+/// Neural product importance sampling by warp composition.
+/// Draws directions in proportion to light x BRDF x cosine.
 #[derive(Parser)]
 #[command(version, long_version = terminal::long_version(), propagate_version = true, arg_required_else_help = true)]
 struct Cli {
@@ -99,7 +100,7 @@ fn main() -> ExitCode {
         Err(error) => return ExitCode::from(terminal::usage(&error)),
     };
     output::force(force);
-    // Before any work is dispatched, which has no way to say that HEADTAIL_SIMD is wrong.
+    // Checked first, since dispatched work cannot report an invalid HEADTAIL_SIMD.
     let done = voice
         .begin()
         .and_then(|()| Ok(headtail_render::simd::instruction_set()?))

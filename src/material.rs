@@ -1,4 +1,4 @@
-//! `headtail material`: what measured materials are like, and their conversion to this project's format.
+//! `headtail material`: properties of measured materials, and their conversion to this project's format.
 
 use std::path::PathBuf;
 
@@ -16,15 +16,15 @@ const EXAMPLES: &str = "Examples:
   headtail material nbrdf_all.f32
   headtail material nbrdf_all.f32 --names merl/chrome,merl/teflon --out out/two.safetensors";
 
-/// Show what measured materials are like (energy, reciprocity, lobes), and convert them.
+/// Show and convert measured materials: energy, reciprocity, lobes.
 #[derive(Args, Debug)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Neural BRDFs: .safetensors, or raw rows (.f32 with their names in .names.txt beside it).
+    /// Neural BRDFs: .safetensors, or raw rows (.f32 with .names.txt).
     #[arg(value_name = "FILE")]
     file: PathBuf,
 
-    /// Only the materials of these names. Default: all.
+    /// Show only the materials with these names. Default: all.
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     names: Vec<String>,
 
@@ -37,7 +37,7 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-/// Prints a line for each material, and converts.
+/// Prints one line per material and converts them.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let mut networks = neural::read_networks(&arguments.file)?;
     if let Some(name) = arguments.names.iter().find(|name| !networks.iter().any(|(known, _)| known == *name)) {
@@ -73,7 +73,7 @@ fn write(out: &std::path::Path, networks: &[(String, Network)]) -> Result<()> {
     Ok(())
 }
 
-/// The numbers of a line of [`table`], with albedos of all channels and views.
+/// Returns the numbers of a line of [`table`] as JSON, with albedos of all channels and views.
 fn object(brdf: &NeuralBrdf) -> serde_json::Value {
     let check = brdf.check();
     serde_json::json!({

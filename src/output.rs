@@ -1,7 +1,8 @@
-//! Where results go: those of another command are not overwritten, and nobody else writes there at the same time.
+//! Output files: protects the results of other commands and excludes concurrent writers.
 //!
-//! A folder with results holds a record, with the command that made them and the names of its files. Its lock excludes others who write
-//! the whole folder; the system takes it back from a process that is killed.
+//! A folder with results holds a record of the commands that made them and of the names of their files. A
+//! lock on the record excludes others that write the whole folder; the system releases the lock of a killed
+//! process.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -33,10 +34,10 @@ use record::{Entry, RECORD};
 
 static FORCE: AtomicBool = AtomicBool::new(false);
 
-/// Removes what was kept to go on with, if it is there: the results are.
+/// Removes a saved state, if there is one, once the results are written.
 ///
 /// # Errors
-/// It cannot be removed.
+/// If it cannot be removed.
 pub fn remove_kept(file: &Path) -> Result<()> {
     if file.exists() {
         fs::remove_file(file).with_context(|| file.display().to_string())?;
@@ -44,7 +45,7 @@ pub fn remove_kept(file: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Lets results of other commands be replaced.
+/// Allows results of other commands to be replaced.
 pub fn force(force: bool) {
     FORCE.store(force, Ordering::Relaxed);
 }
@@ -55,23 +56,25 @@ pub struct OutputFolder {
     path: PathBuf,
     record: File,
     known: Mutex<Vec<Entry>>,
-    /// What tells this command from others.
+    /// Identifies this command, see [`request_of`].
     request: String,
     results: Vec<String>,
     was_made: bool,
 }
 
 impl OutputFolder {
-    /// Takes a folder, which is made if it is missing. `results` are names of files that a command leaves here in any case.
+    /// Takes a folder, creating it if it is missing. `results` are the files that a command always writes
+    /// there.
     ///
     /// # Errors
-    /// If it cannot be written to, if another process writes there, or if there are results of another command and `--force` was not
-    /// given.
+    /// If it cannot be written to, if another process writes there, or if it holds results of another command
+    /// and `--force` was not given.
     pub fn take(path: &Path, results: &[&str]) -> Result<Self> {
         Self::take_for(path, results, request())
     }
 
-    /// [`Self::take`] for a command whose results go on with those of all commands of one [`request_of`].
+    /// [`Self::take`] for a command that continues the results of other commands with the same
+    /// [`request_of`].
     ///
     /// # Errors
     /// As [`Self::take`].
@@ -81,7 +84,8 @@ impl OutputFolder {
         folder.request = request;
         let is_ours = |name: &str| {
             let known = folder.known.lock().unwrap_or_else(PoisonError::into_inner);
-            // Not of the latest alone: one that goes on with a run, and is refused, has named its files already.
+            // Any entry counts, not only the latest: a command that resumes a run and is rejected has already
+            // added its files.
             known.iter().any(|entry| entry.name == name && entry.request == folder.request)
         };
         let other = results.iter().find(|name| path.join(name).exists() && !is_ours(name));
@@ -94,15 +98,15 @@ impl OutputFolder {
         }
     }
 
-    /// Takes a folder whatever is there.
+    /// Takes a folder regardless of its contents.
     ///
     /// # Errors
-    /// As [`Self::take`], but for results of other commands.
+    /// As [`Self::take`], except for results of other commands.
     pub fn share(path: &Path) -> Result<Self> {
         let cannot = || format!("{}: the folder cannot be written to", path.display());
         let was_made = !path.exists();
         make_folder(path)?;
-        // Even one who may read the record may lack the right to make new files.
+        // Access to the record does not imply the right to create files.
         tempfile::tempfile_in(path).with_context(cannot)?;
         let lock = record::lock(path).with_context(cannot)?;
         let Some(record) = lock else { bail!("{}: another headtail is writing there", path.display()) };
@@ -110,7 +114,8 @@ impl OutputFolder {
         Ok(Self { path: path.to_owned(), record, known, request: request(), results: Vec::new(), was_made })
     }
 
-    /// Begins to write: all files of the commands whose results are replaced go, but those in `inputs`.
+    /// Begins to write: removes all files of the commands whose results are replaced, except those in
+    /// `inputs`.
     ///
     /// # Errors
     /// If a file cannot be removed or the record cannot be written.
@@ -123,7 +128,7 @@ impl OutputFolder {
         *known = kept;
         for Entry { name, .. } in &old {
             let file = self.path.join(name);
-            // Only names, so that a record from elsewhere cannot lead out of the folder.
+            // Plain names only, so that a foreign record cannot lead out of the folder.
             let is_name = Path::new(name).file_name().is_some_and(|only| only == name.as_str());
             let is_input = file.canonicalize().is_ok_and(|file| inputs.contains(&file));
             if is_name
@@ -137,7 +142,7 @@ impl OutputFolder {
         record::write(&self.record, &known).with_context(|| self.path.join(RECORD).display().to_string())
     }
 
-    /// The path of a result, of which the record is told.
+    /// Returns the path of a result and adds it to the record.
     ///
     /// # Errors
     /// If the record cannot be written.
@@ -159,7 +164,7 @@ impl OutputFolder {
 }
 
 impl Drop for OutputFolder {
-    /// Leaves nothing behind where nothing was written.
+    /// Leaves nothing behind if nothing was written.
     fn drop(&mut self) {
         let is_empty = fs::read_dir(&self.path)
             .is_ok_and(|mut entries| entries.all(|entry| entry.is_ok_and(|entry| entry.file_name() == RECORD)));
@@ -172,16 +177,16 @@ impl Drop for OutputFolder {
     }
 }
 
-/// Makes a folder, and those that it is in, if they are missing.
+/// Creates a folder and its parents if they are missing.
 ///
 /// # Errors
-/// If it cannot be made.
+/// If it cannot be created.
 pub fn make_folder(folder: &Path) -> Result<()> {
     fs::create_dir_all(folder).with_context(|| format!("{}: the folder cannot be made", folder.display()))
 }
 
-/// The right to write something, if nobody has it: a file with a lock that lasts until it is dropped or the process ends, however it ends. A
-/// file system without locks excludes nobody, which is warned of once.
+/// Opens and locks a file; `None` if another process holds the lock. The lock lasts until the file is dropped
+/// or the process ends. On a file system without locks, no process is excluded and a warning is printed once.
 ///
 /// # Errors
 /// If the file cannot be opened.
@@ -215,7 +220,8 @@ pub fn lock_or_open(path: &Path) -> std::io::Result<Option<(File, bool)>> {
     }
 }
 
-/// Whether an error of locking is that of a file system without locks: Lustre without `flock`, NFS without its daemon, autofs.
+/// Whether a locking error means that the file system has no locks: Lustre without `flock`, NFS without its
+/// daemon, autofs.
 pub fn has_no_locks(error: &std::io::Error) -> bool {
     /// `ENOLCK`, `ENOSYS` and the kernel's own `ENOTSUPP`, on Linux.
     const CODES: [i32; 3] = [37, 38, 524];
@@ -238,12 +244,13 @@ fn is_still_there(_: &Path, _: &File) -> bool {
     true
 }
 
-/// What tells this command from others, as hexadecimal digits: the arguments, without those that change no result.
+/// Returns [`request_of`] the arguments of this command.
 fn request() -> String {
     request_of(std::env::args_os().skip(1))
 }
 
-/// What tells a command of these arguments from others. Every byte counts, whether the arguments are Unicode or not.
+/// Returns a hash, in hexadecimal digits, of the arguments that change results. Arguments are hashed as
+/// bytes, UTF-8 or not.
 pub fn request_of(arguments: impl Iterator<Item = OsString>) -> String {
     const SWITCHES: [&[u8]; 7] = [b"--force", b"--resume", b"-q", b"--quiet", b"-v", b"--verbose", b"--json"];
     const WITH_VALUE: [&[u8]; 3] = [b"--log", b"--threads", b"--out"];
@@ -265,7 +272,7 @@ pub fn request_of(arguments: impl Iterator<Item = OsString>) -> String {
     digits(&hasher)
 }
 
-/// A hash in 32 digits.
+/// Returns the first 32 hexadecimal digits of a hash.
 fn digits(hasher: &blake3::Hasher) -> String {
     hasher.finalize().to_hex()[..32].to_owned()
 }
@@ -279,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_known_by_what_changes_results() {
+    fn request_depends_only_on_arguments_that_change_results() {
         let same = request_of("render --spp 4 --out a.exr");
         for other in ["render --spp 4 --out b.exr --force", "-q render --log l --spp 4 --threads=3 --json"] {
             assert_eq!(request_of(other), same, "{other}");
@@ -293,14 +300,14 @@ mod tests {
 
     #[test]
     #[cfg(unix)]
-    fn names_that_are_no_unicode_are_told_apart() {
+    fn non_utf8_arguments_give_different_requests() {
         use std::os::unix::ffi::OsStringExt;
         let [e, f] = [b"\xe9".to_vec(), b"\xea".to_vec()].map(|name| [OsString::from_vec(name)].into_iter());
         assert_ne!(super::request_of(e), super::request_of(f));
     }
 
     #[test]
-    fn one_at_a_time_writes() {
+    fn concurrent_writers_are_excluded() {
         let here = tempfile::tempdir().unwrap();
         let (path, file) = (here.path().join("results"), here.path().join("a.exr"));
         let folder = OutputFolder::take(&path, &[]).unwrap();
@@ -314,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_another_command_go_and_others_stay() {
+    fn only_files_of_the_replaced_command_are_removed() {
         let here = tempfile::tempdir().unwrap();
         let path = here.path();
         let inner = path.join("results");
@@ -327,7 +334,7 @@ mod tests {
         }
         let refused = OutputFolder::take(&inner, &["table.csv"]).unwrap_err().to_string();
         assert!(refused.contains("table.csv of another command"), "{refused}");
-        // As `--force` lets it.
+        // As with `--force`.
         let mut folder = OutputFolder::share(&inner).unwrap();
         folder.results.push("table.csv".into());
         folder.begin(&[&inner.join("in.exr")]).unwrap();

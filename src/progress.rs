@@ -26,7 +26,7 @@ use signal_hook::{
 
 use crate::{report::number::duration, terminal};
 
-/// What the first signal left.
+/// Stop flag and exit status, set by the first signal.
 struct Interruption {
     stop: Arc<AtomicBool>,
     /// Exit status of an interrupted program; 0 before a signal.
@@ -35,7 +35,7 @@ struct Interruption {
 
 static INTERRUPTION: OnceLock<Interruption> = OnceLock::new();
 
-/// A flag that SIGINT, SIGTERM and SIGHUP set, one and the same for the whole process; a second signal ends the process at
+/// Returns the process-wide flag that SIGINT, SIGTERM and SIGHUP set; a second signal ends the process at
 /// once.
 ///
 /// # Errors
@@ -47,7 +47,7 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>> {
     let (stop, status) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicUsize::new(0)));
     for (signal, code) in signals() {
         flag::register_conditional_shutdown(signal, code, stop.clone()).context("signal handler")?;
-        // Before the flag: who sees the flag finds the status.
+        // Before the flag, so that a set flag implies a set status.
         flag::register_usize(signal, status.clone(), code as usize).context("signal handler")?;
         flag::register(signal, stop.clone()).context("signal handler")?;
     }
@@ -57,7 +57,7 @@ pub fn stop_flag() -> Result<Arc<AtomicBool>> {
 /// Exit status after SIGUSR1.
 const USER_SIGNAL_STATUS: usize = 138;
 
-/// Lets SIGUSR1 set the same flag: a batch system's "the time is almost up".
+/// Makes SIGUSR1, by which batch systems warn that the time is almost up, set the same flag.
 ///
 /// # Errors
 /// If the system refuses a signal handler.
@@ -72,19 +72,19 @@ pub fn stop_at_user_signal() -> Result<()> {
     Ok(())
 }
 
-/// Whether it was SIGUSR1 that came.
+/// Whether the signal was SIGUSR1.
 pub fn is_user_signal() -> bool {
     INTERRUPTION.get().is_some_and(|known| known.status.load(Ordering::Relaxed) == USER_SIGNAL_STATUS)
 }
 
-/// There is no such signal on this system.
+/// Does nothing: this system has no such signal.
 #[cfg(not(unix))]
 pub fn stop_at_user_signal() -> Result<()> {
     Ok(())
 }
 
-/// The signals that interrupt, each with the exit status that follows: 128 and its number, as shells have it. A terminal
-/// that goes away (SIGHUP) ends a program as SIGTERM does, unless `nohup` started it.
+/// Returns the interrupting signals and their exit statuses, 128 plus the number as in shells. SIGHUP (the
+/// terminal is gone) ends a program as SIGTERM does, unless `nohup` started it.
 fn signals() -> Vec<(i32, i32)> {
     #[cfg(unix)]
     if !std::fs::read_to_string("/proc/self/status").is_ok_and(|status| ignores(&status, SIGHUP)) {
@@ -93,14 +93,14 @@ fn signals() -> Vec<(i32, i32)> {
     vec![(SIGINT, 130), (SIGTERM, 143)]
 }
 
-/// Whether a process ignores a signal, by its `/proc/PID/status` of Linux: `SigIgn` is a mask in hexadecimal digits.
+/// Whether a process ignores a signal, by its `/proc/PID/status` of Linux: `SigIgn` is a hexadecimal mask.
 #[cfg(unix)]
 fn ignores(status: &str, signal: i32) -> bool {
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
-/// The end of a command that a signal interrupted.
+/// Error of a command that a signal interrupted.
 #[derive(Debug)]
 pub struct Interrupted {
     what: String,
@@ -109,7 +109,7 @@ pub struct Interrupted {
 }
 
 impl Interrupted {
-    /// The end by the signal that came, with what is left of the command, in words.
+    /// Returns the error for the received signal; `what` describes what was completed.
     pub fn new(what: impl Into<String>) -> Self {
         let status = INTERRUPTION.get().map_or(0, |known| known.status.load(Ordering::Relaxed));
         Self { what: what.into(), status: status.max(1) as u8 }
@@ -124,14 +124,14 @@ impl fmt::Display for Interrupted {
 
 impl Error for Interrupted {}
 
-/// Says about how long something will take, where that is minutes.
+/// Announces the expected duration if it is at least [`LONG`].
 pub fn announce(what: &str, seconds: f64) {
     if seconds >= LONG.as_secs_f64() {
         terminal::note!("{what} will take about {}", duration(seconds));
     }
 }
 
-/// How far some work is: a bar on a terminal, else a line now and then.
+/// Progress of some work: a bar on a terminal, else a line from time to time.
 #[derive(Clone)]
 pub struct Bar {
     shown: ProgressBar,
@@ -143,33 +143,33 @@ pub struct Bar {
 /// When the next line is due.
 struct Pace {
     next: Duration,
-    /// Whether it was said how long all of it will take.
+    /// Whether the total duration was announced.
     is_estimated: bool,
 }
 
-/// After this time, what is done says how long the rest takes.
+/// Elapsed time from which on the total duration is estimated.
 const ESTIMATE_AFTER: Duration = Duration::from_secs(3);
-/// Work is announced that takes at least so long.
+/// Minimum duration of work that is announced.
 const LONG: Duration = Duration::from_secs(120);
-/// The first line without a terminal, and the longest time between two of them.
+/// Time of the first line without a terminal, and the longest time between two lines.
 const FIRST_LINE: Duration = Duration::from_secs(10);
 const BETWEEN_LINES: Duration = Duration::from_secs(60);
 
-/// The units of a bar over shares of some work: so many that the first of them tells how long all takes.
+/// Units of a bar over fractions of some work; fine enough for an estimate from the first update.
 pub const SHARES: u64 = 1_000_000_000;
 
-/// A bar over `length` units on standard error.
+/// Returns a bar over `length` units on standard error.
 pub fn bar(length: u64, what: &str) -> Bar {
     new_bar(length, what, false)
 }
 
-/// A bar over work whose seconds were estimated: how long it takes is said now, and the bar is over thousandths of these seconds.
+/// Announces work of estimated duration and returns a bar over it, in thousandths of a second.
 pub fn announced_bar(seconds: f64, what: &str) -> Bar {
     announce(what, seconds);
     new_bar(thousandths(seconds).max(1), what, true)
 }
 
-/// Estimated seconds as units of [`announced_bar`].
+/// Converts estimated seconds to units of [`announced_bar`].
 pub fn thousandths(seconds: f64) -> u64 {
     (1000.0 * seconds).round() as u64
 }
@@ -187,42 +187,43 @@ fn new_bar(length: u64, what: &str, is_estimated: bool) -> Bar {
 }
 
 impl Bar {
-    /// So many units are done.
+    /// Sets the number of completed units.
     pub fn set_position(&self, position: u64) {
         self.shown.set_position(position);
         self.tell();
     }
 
-    /// So many more units are done.
+    /// Adds completed units.
     pub fn inc(&self, units: u64) {
         self.shown.inc(units);
         self.tell();
     }
 
-    /// What is being done.
+    /// Sets the text after the bar.
     pub fn set_message(&self, message: impl AsRef<str>) {
         self.shown.set_message(terminal::plain(message.as_ref()).into_owned());
         self.tell();
     }
 
-    /// The same below other bars.
+    /// Adds the bar to others, below them.
     #[must_use]
     pub fn among(self, others: &MultiProgress) -> Self {
         Self { shown: others.add(self.shown), ..self }
     }
 
-    /// The end of the work.
+    /// Ends and clears the bar.
     pub fn finish_and_clear(&self) {
         self.shown.finish_and_clear();
     }
 
-    /// What shows shares of the work, between 0 and 1, on a bar of [`SHARES`] units.
+    /// Returns a function that shows a fraction in [0, 1] on a bar of [`SHARES`] units.
     pub fn shares(&self) -> impl Fn(f64) + Sync + use<> {
         let bar = self.clone();
         move |share| bar.set_position((SHARES as f64 * share) as u64)
     }
 
-    /// Says how long all of it takes, once that is known and long, and without a terminal now and then how far it is.
+    /// Announces the total duration once it is known, if it is long; without a terminal, prints progress from
+    /// time to time.
     fn tell(&self) {
         let elapsed = self.start.elapsed();
         if elapsed < ESTIMATE_AFTER {
@@ -254,15 +255,15 @@ impl Bar {
     }
 }
 
-/// A bar over the steps of a training, which begins with the first report: what comes before, the
-/// fit of a flow tail perhaps, does not count as time of steps.
+/// A bar over training steps that starts at the first report: earlier work, such as the fit of a flow tail,
+/// does not count as time of steps.
 pub struct TrainingBar<'a> {
     what: &'a str,
     bar: OnceCell<Bar>,
 }
 
 impl<'a> TrainingBar<'a> {
-    /// A bar that is not shown yet.
+    /// Returns a bar that is not shown yet.
     pub fn new(what: &'a str) -> Self {
         Self { what, bar: OnceCell::new() }
     }
@@ -274,7 +275,7 @@ impl<'a> TrainingBar<'a> {
         bar.set_position(progress.step as u64);
     }
 
-    /// The end of the training.
+    /// Ends and clears the bar.
     pub fn finish_and_clear(&self) {
         if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
@@ -282,14 +283,15 @@ impl<'a> TrainingBar<'a> {
     }
 }
 
-/// Work that cannot say how far it is: a terminal shows that it goes on, others get a line now and then. It ends with this value.
+/// Indicator of work without known progress: a spinner on a terminal, else a line from time to time. Dropping
+/// it ends it.
 pub struct Busy {
     shown: ProgressBar,
     end: Option<mpsc::Sender<()>>,
     teller: Option<JoinHandle<()>>,
 }
 
-/// Begins to tell of such work.
+/// Starts an indicator of work without known progress.
 pub fn busy(what: &str) -> Busy {
     let shown = if terminal::is_quiet() { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
     shown.set_prefix(what.to_owned());
@@ -301,7 +303,7 @@ pub fn busy(what: &str) -> Busy {
     let (what, start) = (what.to_owned(), Instant::now());
     let tell = move || {
         let mut next = FIRST_LINE;
-        // The other end is gone when the work is done.
+        // The sender is dropped when the work is done.
         while ended.recv_timeout(next) == Err(mpsc::RecvTimeoutError::Timeout) {
             if !std::io::stderr().is_terminal() {
                 terminal::progress(&format!("{what}: {} so far", duration(start.elapsed().as_secs_f64())));
@@ -317,7 +319,7 @@ impl Drop for Busy {
         self.shown.finish_and_clear();
         drop(self.end.take());
         if let Some(teller) = self.teller.take() {
-            // It only waits and prints.
+            // The thread only waits and prints.
             drop(teller.join());
         }
     }

@@ -31,7 +31,8 @@ use crate::{
     progress,
 };
 
-/// Render with one sampler; writes FILE.exr (linear) and FILE.png (tone-mapped).
+/// Render with one sampler.
+/// Writes FILE.exr (linear) and FILE.png (tone-mapped).
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail render --scene temple --env studio --spp 64 --out out/temple.exr
@@ -50,31 +51,35 @@ pub struct Arguments {
     /// Samples per pixel.
     #[arg(long, conflicts_with = "seconds", required_unless_present = "seconds")]
     spp: Option<u32>,
-    /// Render for this long instead.
+    /// Render for this many seconds instead.
     #[arg(long)]
     seconds: Option<f64>,
     /// Seed of the samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Stops by which the PNG is made brighter than the exposure that is found: the mean of surfaces without their brightest twentieth in a middle
+    /// Stops added to the automatic exposure of the PNG.
+    /// The automatic exposure brings the mean of the surfaces, without their brightest 5 %, to a middle
     /// brightness.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     exposure: f32,
-    /// Print where the time went, in thread-seconds by stage. Reading the clock slows rendering down by a few per cent.
+    /// Print the thread-seconds of each stage.
+    /// Reading the clock slows rendering down by a few per cent.
     #[arg(long)]
     timings: bool,
     #[command(flatten)]
     light: LightArguments,
-    /// Render only a part: its first column and row, its width and height, in pixels of the whole picture.
+    /// Render only a part: first column, first row, width and height.
+    /// In pixels of the whole picture.
     #[arg(long, value_name = "X,Y,W,H")]
     crop: Option<Crop>,
-    /// Write albedo, shading normals and depth, too: layers of FILE.aovs.exr.
+    /// Also write albedo, shading normals and depth.
+    /// As layers of FILE.aovs.exr.
     #[arg(long)]
     aovs: bool,
     /// Print what was rendered as a JSON object.
     #[arg(long)]
     json: bool,
-    /// Linear OpenEXR file; the PNG lies beside it.
+    /// Linear OpenEXR file; the PNG is written beside it.
     #[arg(long, value_name = "FILE.exr")]
     out: PathBuf,
 }
@@ -169,7 +174,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The sampler of a SPEC, and what is to be said of the choice where it is `auto`.
+/// Opens the sampler of a SPEC; for `auto`, also returns a text that explains the choice.
 fn prepared(
     spec: &SamplerSpec,
     opened: &OpenedView,
@@ -191,7 +196,7 @@ fn prepared(
     Ok((spec, estimator, Some(text)))
 }
 
-/// Where the features of a picture go.
+/// Returns the path of the features of a picture.
 fn aovs(out: &Path) -> PathBuf {
     out.with_extension("aovs.exr")
 }
@@ -215,7 +220,7 @@ fn write_features(path: &Path, features: &Features, turned: f32, attributes: &[A
     Ok(file::replace(path, &encode_layered_exr(width, height, channels, attributes)?)?)
 }
 
-/// What an OpenEXR result says of itself.
+/// Returns the attributes of an OpenEXR result.
 pub fn attributes(opened: &OpenedView, sampler: &str, rendering: &Rendering, seed: u64) -> Vec<Attribute> {
     let View { environment, depth, width, height, .. } = opened.view();
     let (camera, part) = (opened.own_camera(), opened.part());

@@ -1,4 +1,4 @@
-//! `headtail scenes`: what scenes and environments are built in, and pictures of them.
+//! `headtail scenes`: lists the built-in scenes and environments and renders pictures of them.
 
 use std::{path::PathBuf, sync::atomic::AtomicBool};
 
@@ -31,16 +31,16 @@ pub struct Arguments {
     /// Folder for the pictures, NAME.png.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// A built-in environment (overcast, window, studio, sunset) or a map that lights them.
+    /// Built-in environment (overcast, window, studio, sunset) or map.
     #[arg(long, value_name = "NAME|FILE", default_value = "window", value_parser = given::<String>())]
     env: String,
     /// Samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536))]
     spp: u32,
-    /// Surfaces that light may visit on its way to the camera: 1 is direct light alone.
+    /// Maximum number of surfaces on a light path: 1 is direct light only.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
     depth: u32,
-    /// Image width in pixels; three quarters of it are the height.
+    /// Image width in pixels; the height is 3/4 of it.
     #[arg(long, default_value_t = 480, value_parser = clap::value_parser!(u32).range(4..=4096))]
     width: u32,
 }

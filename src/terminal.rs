@@ -1,7 +1,7 @@
-//! What the program says: on standard output, on standard error and in the file of `--log`.
+//! Messages on standard output, on standard error and in the file of `--log`.
 //!
-//! Printing never decides about results. A reader that went away is no error; a full device is one, but only once all else is done.
-//! Control characters are escaped, so that nothing in a file can act on the terminal.
+//! Printing never affects results. A closed pipe is not an error; a full device is one, reported after all
+//! other work. Control characters are escaped, so that nothing in a file can act on the terminal.
 
 use std::{
     borrow::Cow,
@@ -21,16 +21,16 @@ use clap::Args;
 use headtail_render::remark::Remark;
 use indicatif::{ProgressBar, WeakProgressBar};
 
-/// How much is said, and where besides the terminal.
+/// Amount of messages, and a log file.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Voice {
-    /// Say nothing but data, warnings and errors.
+    /// Print only data, warnings and errors.
     #[arg(short, long, global = true, conflicts_with = "verbose", help_heading = "Messages")]
     quiet: bool,
     /// Treat warnings about input files as errors.
     #[arg(long, global = true, help_heading = "Messages")]
     strict: bool,
-    /// Say what is opened, what is written, and the memory that it takes.
+    /// Print what is opened and written, and the memory that it takes.
     #[arg(short, long, global = true, help_heading = "Messages")]
     verbose: bool,
     /// Append all messages to a file, with the seconds since the start.
@@ -47,20 +47,20 @@ struct Terminal {
 
 static ONLY_DATA: AtomicBool = AtomicBool::new(false);
 static TERMINAL: OnceLock<Terminal> = OnceLock::new();
-/// The first error of standard output that was not a reader's going away.
+/// The first error of standard output other than a closed pipe.
 static FAILURE: Mutex<Option<io::Error>> = Mutex::new(None);
-/// The bars that are shown now; messages are printed above the last one.
+/// The bars that are shown; messages are printed above the last one.
 static SHOWN: Mutex<Vec<WeakProgressBar>> = Mutex::new(Vec::new());
 
 /// Prints data on standard output, as a line.
 macro_rules! out {
     ($($argument:tt)*) => { $crate::terminal::print_data(format_args!($($argument)*)) };
 }
-/// Says on standard output what was done, as a line; `--quiet` leaves it out.
+/// Reports a completed action on standard output, as a line; `--quiet` omits it.
 macro_rules! say {
     ($($argument:tt)*) => { $crate::terminal::print_done(format_args!($($argument)*)) };
 }
-/// Says on standard error what is good to know; `--quiet` leaves it out.
+/// Prints a note on standard error; `--quiet` omits it.
 macro_rules! note {
     ($($argument:tt)*) => { $crate::terminal::print_note(format_args!($($argument)*)) };
 }
@@ -68,14 +68,14 @@ macro_rules! note {
 macro_rules! warning {
     ($($argument:tt)*) => { $crate::terminal::print_warning(format_args!($($argument)*)) };
 }
-/// Says a detail on standard error, with `--verbose`.
+/// Prints a detail on standard error, with `--verbose`.
 macro_rules! detail {
     ($($argument:tt)*) => { $crate::terminal::print_detail(format_args!($($argument)*)) };
 }
 pub(crate) use {detail, note, out, say, warning};
 
 impl Voice {
-    /// Makes this the voice of the program; the log begins with the command.
+    /// Applies these settings to the program and opens the log, whose first line is the command.
     ///
     /// # Errors
     /// If the log cannot be opened.
@@ -91,12 +91,12 @@ impl Voice {
     }
 }
 
-/// Whether only data, warnings and errors are wanted.
+/// Whether only data, warnings and errors are printed.
 pub fn is_quiet() -> bool {
     TERMINAL.get().is_some_and(|terminal| terminal.voice.quiet)
 }
 
-/// From now on, standard output is for data alone.
+/// Reserves standard output for data from now on.
 pub fn only_data() {
     ONLY_DATA.store(true, Ordering::Relaxed);
 }
@@ -134,7 +134,7 @@ pub fn print_warning(text: fmt::Arguments<'_>) {
     message("warning", &text.to_string(), true);
 }
 
-/// Says what was decided about a file: a note, or a warning, which `--strict` makes an error.
+/// Prints a remark about a file: a note, or a warning, which `--strict` makes an error.
 ///
 /// # Errors
 /// The warning, with `--strict`.
@@ -154,12 +154,13 @@ pub fn print_detail(text: fmt::Arguments<'_>) {
     message("detail", &text.to_string(), TERMINAL.get().is_some_and(|terminal| terminal.voice.verbose));
 }
 
-/// The error that ends the program.
+/// Prints the error that ends the program.
 pub fn error(kind: &str, text: &str) {
     message(kind, &in_words(&text.replace('\n', " ")), true);
 }
 
-/// What the parser of arguments has to say: help goes to standard output, mistakes to standard error with exit status 2.
+/// Prints a message of the argument parser and returns the exit status: help goes to standard output,
+/// mistakes to standard error with status 2.
 pub fn usage(error: &clap::Error) -> u8 {
     let is_terminal = io::stderr().is_terminal();
     let text = error.render();
@@ -171,7 +172,7 @@ pub fn usage(error: &clap::Error) -> u8 {
     error.exit_code() as u8
 }
 
-/// An error in the user's words: parsers speak of the types of the programming language.
+/// Replaces Rust's terms in parser errors by plain words.
 fn in_words(text: &str) -> String {
     const WORDS: [(&str, &str); 16] = [
         ("number too large to fit in target type", "the number is too large"),
@@ -194,7 +195,7 @@ fn in_words(text: &str) -> String {
     WORDS.iter().fold(text.to_owned(), |text, (from, to)| text.replace(from, to))
 }
 
-/// A line about how far something is, for a standard error that is no terminal.
+/// Prints a line of progress on a standard error that is not a terminal.
 pub fn progress(text: &str) {
     log_line("progress", text);
     if !is_quiet() {
@@ -202,15 +203,15 @@ pub fn progress(text: &str) {
     }
 }
 
-/// Lets messages be printed above a bar while it is shown.
+/// Makes messages appear above a bar while it is shown.
 pub fn show_above(bar: &ProgressBar) {
     SHOWN.lock().unwrap_or_else(PoisonError::into_inner).push(bar.downgrade());
 }
 
-/// What became of standard output.
+/// Flushes standard output.
 ///
 /// # Errors
-/// If something of it was lost, other than by a reader that went away.
+/// If part of it was lost, other than to a closed pipe.
 pub fn finish() -> Result<()> {
     if let Err(error) = io::stdout().flush() {
         remember(error);
@@ -221,7 +222,8 @@ pub fn finish() -> Result<()> {
     }
 }
 
-/// The command line, the program without its folder, as a shell takes it back. Bytes that are no UTF-8 are replaced.
+/// Returns the command line, quoted for a shell, with `headtail` as the program. Bytes that are not UTF-8 are
+/// replaced.
 pub fn command() -> String {
     let quote = |argument: std::ffi::OsString| {
         let argument = argument.to_string_lossy().into_owned();
@@ -232,8 +234,8 @@ pub fn command() -> String {
     std::iter::once("headtail".to_owned()).chain(std::env::args_os().skip(1).map(quote)).collect::<Vec<_>>().join(" ")
 }
 
-/// A text whose control characters are escaped as JSON does it: nothing in it moves a cursor or turns the direction of writing. Line feeds
-/// and tabulators stay.
+/// Escapes control characters as in JSON, so that a text cannot move a cursor or change the writing
+/// direction. Line feeds and tabs stay.
 pub fn plain(text: &str) -> Cow<'_, str> {
     let acts = |c: char| {
         c.is_control() && c != '\n' && c != '\t'
@@ -268,12 +270,12 @@ fn print(text: &str) {
 }
 
 fn print_error(text: &str) {
-    // There is nowhere to say that standard error cannot be written.
+    // A failure to write to standard error cannot be reported.
     above_bar(|| drop(writeln!(io::stderr(), "{}", plain(text))));
 }
 
 fn above_bar(print: impl FnOnce()) {
-    // The last one that is still there: work within other work has a bar of its own.
+    // The last one still shown: nested work has its own bar.
     let bar = {
         let mut shown = SHOWN.lock().unwrap_or_else(PoisonError::into_inner);
         shown.retain(|bar| bar.upgrade().is_some_and(|bar| !bar.is_finished()));
@@ -296,11 +298,11 @@ fn log_line(kind: &str, text: &str) {
         return;
     };
     let mut log = log.lock().unwrap_or_else(PoisonError::into_inner);
-    // A log that is full is no reason to lose results.
+    // A full log must not cost results.
     drop(writeln!(log, "{:10.1} s  {kind:8} {}", terminal.start.elapsed().as_secs_f64(), plain(text)));
 }
 
-/// The version, what it was built with, and what it runs on.
+/// Returns version, features, instruction set and target.
 pub fn long_version() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
     TEXT.get_or_init(|| {
@@ -329,13 +331,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn types_of_the_language_are_put_into_words() {
+    fn rust_types_are_replaced_by_plain_words() {
         let said = in_words("--set steps: invalid type: string \"x\", expected usize");
         assert_eq!(said, "--set steps: found the text \"x\", expected a whole number");
     }
 
     #[test]
-    fn nothing_that_acts_on_a_terminal_is_left() {
+    fn control_characters_are_escaped() {
         assert_eq!(plain("a\x1b[2Jb\r\u{9b}c\u{202e}\n\t"), "a\\u001b[2Jb\\u000d\\u009bc\\u202e\n\t");
         assert!(matches!(plain("plain \u{e4} \u{d7}\n"), Cow::Borrowed(_)));
     }

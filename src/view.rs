@@ -19,7 +19,8 @@ use crate::given::given;
 use crate::output::OutputFile;
 use crate::terminal::say;
 
-/// Take a photograph of a map: FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with both the picture and its camera.
+/// Take a photograph of a map.
+/// Writes FILE.exr in the map's units, FILE.png to look at, and FILE.fspy with the picture and its camera.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail view --env room.hdr --out out/room.exr
@@ -29,15 +30,17 @@ The camera stands --eye-height above the ground, and the origin of the world is 
 composite puts objects. The .fspy file has Z up, as Blender's importer expects it. The PNG is sRGB without a tone curve, so that it is \
 light that composite can read back; what is too bright for it is clipped.")]
 pub struct Arguments {
-    /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
+    /// Built-in environment or .hdr or .exr map.
+    /// Built-in: overcast, window, studio, sunset.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     env: String,
     #[command(flatten)]
     map: MapArguments,
-    /// Where the camera looks to, in degrees around the vertical; 0 is the middle of Mitsuba's map (-Z), 90 is +X.
+    /// Viewing direction around the vertical axis, in degrees.
+    /// 0 is the middle of Mitsuba's map (-Z), 90 is +X.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
     azimuth: f32,
-    /// How far the camera looks up (negative: down), in degrees.
+    /// Angle by which the camera looks up, in degrees (negative: down).
     #[arg(long, value_name = "DEGREES", default_value_t = -12.0, allow_hyphen_values = true)]
     pitch: f32,
     /// Vertical field of view in degrees.
@@ -52,19 +55,19 @@ pub struct Arguments {
     /// Image height in pixels.
     #[arg(long, default_value_t = 640, value_parser = clap::value_parser!(u32).range(1..=16384))]
     height: u32,
-    /// Stops by which the PNG is made brighter than its automatic exposure.
+    /// Stops added to the automatic exposure of the PNG.
     #[arg(long, default_value_t = 0.0, allow_hyphen_values = true)]
     exposure: f32,
-    /// Linear OpenEXR file; PNG and .fspy lie beside it.
+    /// Linear OpenEXR file; PNG and .fspy are written beside it.
     #[arg(long, value_name = "FILE.exr")]
     out: PathBuf,
 }
 
-/// How far down the picture the origin of the world is.
+/// Vertical position of the world's origin, as a fraction of the picture's height.
 const ORIGIN_ROW: f32 = 0.66;
-/// Distance of the origin where the camera does not see the ground, over the height of the camera.
+/// Distance of the origin over the camera's height, if the camera does not see the ground.
 const FAR: f32 = 4.0;
-/// The luminance that a photograph's mean is exposed to.
+/// Luminance to which the mean of a photograph is exposed.
 const MIDDLE_GREY: f32 = 0.22;
 
 /// Writes the three files.
@@ -100,7 +103,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The camera that sees the origin in the lower middle of its picture.
+/// Returns the camera that sees the origin in the lower middle of its picture.
 fn camera(arguments: &Arguments) -> Result<Camera> {
     ensure!(arguments.fov > 0.0 && arguments.fov < 180.0, "--fov: {} is not between 0 and 180 degrees", arguments.fov);
     ensure!(arguments.pitch.abs() <= 90.0, "--pitch: {} is not between -90 and 90 degrees", arguments.pitch);
@@ -122,7 +125,7 @@ fn camera(arguments: &Arguments) -> Result<Camera> {
     Ok(origin.moved(&Affine3A::from_translation((-offset).into())))
 }
 
-/// The stops that bring the mean of a picture to middle grey, with little of it clipped.
+/// Returns the exposure in stops that brings the mean of a picture to middle grey, with little of it clipped.
 pub fn automatic_exposure(image: &Image) -> f32 {
     let mut luminances: Vec<f32> =
         image.pixels.iter().map(|&pixel| luminance(pixel.into())).filter(|l| *l > 0.0).collect();
@@ -130,7 +133,7 @@ pub fn automatic_exposure(image: &Image) -> f32 {
         return 0.0;
     }
     luminances.sort_by(f32::total_cmp);
-    // Without the brightest twentieth, so that a window does not make the room black.
+    // Excludes the brightest 5 %, so that a window does not darken the room.
     let kept = &luminances[..(luminances.len() * 19 / 20).max(1)];
     let mean = kept.iter().sum::<f32>() / kept.len() as f32;
     (MIDDLE_GREY / mean).log2().clamp(-40.0, 40.0)
@@ -168,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_sees_no_ground_has_the_origin_before_it() {
+    fn origin_is_ahead_of_a_camera_that_sees_no_ground() {
         let up = camera(&arguments(0.0, 40.0)).unwrap();
         assert!((up.look_from() - Vec3A::new(0.0, 1.6, 6.4)).length() < 1e-4);
     }

@@ -1,4 +1,4 @@
-//! The samplers that ship with the project load, belong to the built-in environments, and are as good as their commands make them.
+//! The shipped samplers load, match the built-in environments, and reproduce the quality of their commands.
 
 use std::{path::Path, sync::Arc};
 
@@ -20,8 +20,8 @@ fn open(environment: &str, kind: &str) -> (ExportedSampler, Arc<Environment>) {
     (exported, environment)
 }
 
-/// KL(q* || q) at a normal, by 256 x 256 midpoints of Y, of a mixture of the head and cosine sampling; through the exact tail q* is the
-/// cosine.
+/// KL(q* || q) at a normal by the midpoint rule on 256 x 256 cells of Y, for a mixture of the head and cosine
+/// sampling. With the exact tail, q* is proportional to the cosine.
 fn divergence(head: &Head, tail: &Tail, normal: Vec3A) -> Option<f64> {
     let centre = |k: usize| Vec2::new((k % 256) as f32 + 0.5, (k / 256) as f32 + 0.5) / 256.0;
     let y: Vec<Vec2> = (0..256 * 256).map(centre).collect();
@@ -41,7 +41,7 @@ fn divergence(head: &Head, tail: &Tail, normal: Vec3A) -> Option<f64> {
 }
 
 #[test]
-fn heads_reach_the_divergence_that_they_claim() {
+fn heads_reach_their_stated_divergence() {
     for environment in ["studio", "window"] {
         let (exported, _) = open(environment, "head");
         let training = exported.training.expect("a head says how it was trained");
@@ -50,26 +50,26 @@ fn heads_reach_the_divergence_that_they_claim() {
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..40 {
             let normal = Stream::new(3, Purpose::Test, index).direction();
-            // As `head+mis` draws.
+            // The distribution of `head+mis`.
             let Some(kl) = divergence(head, &exported.tail, normal) else { continue };
             sum += kl;
             count += 1.0;
         }
-        // Forty normals other than those of the validation: their mean KL differs from it by its own sampling error.
+        // Forty normals that differ from those of the validation, so the mean KL has a sampling error.
         let mean = sum / count;
         assert!(mean < 1.5 * training.final_kl, "{environment}: KL {mean}, the file claims {}", training.final_kl);
     }
 }
 
 #[test]
-fn direct_bakes_are_what_the_command_makes_today() {
+fn shipped_direct_bakes_are_reproducible() {
     for environment in ["studio", "window"] {
         let (exported, _) = open(environment, "direct");
         let Intermediate::DirectBake(table) = &exported.intermediate else {
             panic!("{environment}: not a direct bake")
         };
         let again = direct_bake(&exported.tail, table.normals(), table.cells()).unwrap();
-        // Other processors may round sines differently.
+        // Sines can round differently on other processors.
         for (stored, computed) in table.masses().iter().zip(again.masses()) {
             assert!((stored - computed).abs() < 1e-4, "{environment}: {stored} {computed}");
         }

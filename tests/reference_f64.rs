@@ -1,8 +1,8 @@
-//! The model against an independent implementation in f64: splines by the formula of Gregory and Delbourgo (1982) with the
-//! root found by bisection, networks by plain loops, gradients by central differences.
+//! Compares the model with an independent implementation in f64: splines by the formula of Gregory and
+//! Delbourgo (1982) with roots by bisection, networks by plain loops, gradients by central differences.
 //!
-//! It is written from the documented layout of logits and weights, so it also checks that the documentation is enough to
-//! read an exported head.
+//! It is written from the documented layout of logits and weights, so it also tests that the documentation
+//! suffices to read an exported head.
 
 use burn::{
     optim::GradientsParams,
@@ -47,7 +47,7 @@ impl Spline {
         Self { xs: knots(&logits[..k]), ys: knots(&logits[k..2 * k]), slopes, shift }
     }
 
-    /// Value and derivative.
+    /// Returns value and derivative.
     fn inverse(&self, y: f64) -> (f64, f64) {
         let x = if self.shift == 0.0 { y } else { (y + self.shift).rem_euclid(1.0) };
         let k = (1..self.xs.len() - 1).rev().find(|&k| self.xs[k] <= x).unwrap_or(0);
@@ -60,7 +60,7 @@ impl Spline {
         (value, slope)
     }
 
-    /// The point before the shift whose value is `z`, by bisection.
+    /// Returns the point before the shift whose value is `z`, by bisection.
     fn forward(&self, z: f64) -> f64 {
         let unshifted = Self { shift: 0.0, xs: self.xs.clone(), ys: self.ys.clone(), slopes: self.slopes.clone() };
         let (mut low, mut high) = (0.0, 1.0);
@@ -104,7 +104,7 @@ impl Reference {
         self.affine(&format!("layer{layer}.linear{}", self.config.hidden_layers), &x)
     }
 
-    /// The condition and the encoder's output.
+    /// Returns the condition and the encoder's output.
     fn encode(&self, c: &[f64]) -> Vec<f64> {
         let mut condition = c.to_vec();
         if self.config.encoder.is_some() {
@@ -114,8 +114,7 @@ impl Reference {
         condition
     }
 
-    /// The probability to draw from the head.
-    /// The learned share over a given one, whose logit is `prior`.
+    /// The selection probability of the head: the learned one relative to a given one with logit `prior`.
     fn share(&self, c: &[f64], prior: f64) -> f64 {
         let hidden = self.leaky(self.affine("selection.linear0", &self.encode(c)));
         0.02 + 0.96 / (1.0 + (-self.affine("selection.linear1", &hidden)[0] - prior).exp())
@@ -178,7 +177,7 @@ fn tensor<const D: usize>(values: &[f32], shape: [usize; D], device: &Device) ->
 }
 
 #[test]
-fn the_reference_spline_has_the_derivative_it_states() {
+fn reference_spline_derivatives_match_finite_differences() {
     let mut stream = Stream::new(0, Purpose::Test, 1);
     for topology in [Topology::Interval, Topology::Circle] {
         let logits: Vec<f64> = (0..3 * 8 + 1).map(|_| f64::from(normal(&mut stream))).collect();
@@ -211,7 +210,7 @@ fn splines_agree_with_the_reference_in_both_directions() {
                 let point = f64::from(points[i]);
                 let (value, slope) = reference.inverse(point);
                 let turn = |error: f64| error.abs().min(1.0 - error.abs());
-                // f32 knots are off by up to 1e-6, which the slope and the inverse of the width magnify.
+                // f32 knots have errors up to 1e-6, which the slope and the inverse of the width amplify.
                 assert!(turn(f64::from(z[i]) - value) < 1e-6 + 1e-6 * slope, "{} {value}", z[i]);
                 assert!((f64::from(log[i]) - slope.ln()).abs() < 1e-4 + 1e-5 / narrowest, "{} {}", log[i], slope.ln());
                 let expected = reference.forward(point);
@@ -244,7 +243,7 @@ fn heads_agree_with_the_reference() {
     }
 }
 
-/// Every weight's derivative of the mean log-density, against central differences of the reference.
+/// Derivatives of the mean log-density by every weight, against central differences of the reference.
 #[test]
 fn gradients_agree_with_central_differences() {
     let device = Device::flex().autodiff();
@@ -259,7 +258,7 @@ fn gradients_agree_with_central_differences() {
             .log_density(&tensor(&y, [conditions, samples, 2], &device), tensor(&c, [conditions, 3], &device))
             .mean();
         let gradients = GradientsParams::from_grads(loss.backward(), &head);
-        // A step of "plain" descent exposes the gradient under the exported names.
+        // A step of plain gradient descent exposes the gradient under the exported names.
         let step = 1.0;
         let moved = burn::optim::SgdConfig::new().init().step(step, head.clone(), gradients);
         let (before, after) = (head.weights(), moved.weights());
@@ -287,7 +286,8 @@ fn gradients_agree_with_central_differences() {
                 reference.weights[tensor].2[value] = centre;
                 let expected = (high - low) / (2.0 * h);
                 largest = largest.max(expected.abs());
-                // The f32 weights of magnitude 1 resolve the step to 1.2e-7; kinks of the leaky ReLU are not hit at h = 1e-5.
+                // f32 weights of magnitude 1 resolve the step to 1.2e-7; at h = 1e-5 the kinks of the leaky
+                // ReLU are avoided.
                 let name = &before[tensor].name;
                 assert!(
                     (gradient - expected).abs() < 1e-4 * expected.abs().max(0.1),
@@ -300,7 +300,7 @@ fn gradients_agree_with_central_differences() {
     }
 }
 
-/// The losses by their definitions, in f64. `q` is the density that samples have.
+/// The losses by definition, in f64. `q` is the density of the samples.
 fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -> f64 {
     let at = batch.condition(condition);
     let (g, v, tails) = (widen(at.densities), widen(at.weights), widen(at.tails));
@@ -314,7 +314,7 @@ fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -
             Loss::ForwardKl if w > 0.0 => w * (p / q[i]).ln(),
             Loss::ForwardKl => 0.0,
             Loss::LogChiSquare | Loss::ChiSquare => w * p / q[i],
-            // Where the target is (almost) zero it counts as 1e-4 of its mean.
+            // Targets near zero count as 1e-4 of their mean.
             Loss::ReverseKl => u * (u / (p.max(1e-4) * v[i] / n)).ln(),
         };
         regularisation += w * (q[i] * tails[i]) * (q[i] * tails[i]).ln();
@@ -327,7 +327,7 @@ fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -
     loss + entropic * regularisation
 }
 
-/// Every weight's derivative of every loss of a mixture with BRDF sampling, through the step that training takes.
+/// Derivatives of every loss of a mixture with BRDF sampling by every weight, through the step of training.
 #[test]
 fn gradients_of_mixture_losses_agree_with_central_differences() {
     let device = Device::flex().autodiff();

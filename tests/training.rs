@@ -1,4 +1,4 @@
-//! `headtail fit` from outside: settings, metrics, checkpoints under kills, event files.
+//! `headtail fit`: settings, metrics, checkpoints after kills, event files.
 
 use std::{
     fs,
@@ -21,7 +21,7 @@ fn run(folder: &Path, arguments: &str) -> Output {
     command(folder, arguments).output().expect("the program starts")
 }
 
-/// Runs a command that must succeed; standard output and standard error.
+/// Runs a command that must succeed; returns standard output and standard error.
 fn succeed(folder: &Path, arguments: &str) -> (String, String) {
     let output = run(folder, arguments);
     let [said, warned] = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8(bytes.clone()).unwrap());
@@ -29,7 +29,7 @@ fn succeed(folder: &Path, arguments: &str) -> (String, String) {
     (said, warned)
 }
 
-/// Runs a command that must fail with one sentence; the sentence.
+/// Runs a command that must fail with one line; returns the line.
 fn fail(folder: &Path, arguments: &str) -> String {
     let output = run(folder, arguments);
     let message = String::from_utf8(output.stderr).unwrap();
@@ -42,7 +42,7 @@ fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// The lines of a run's metrics.
+/// Returns the lines of a run's metrics.
 fn metrics(folder: &Path) -> Vec<serde_json::Value> {
     let text = fs::read_to_string(folder.join("metrics.jsonl")).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
@@ -62,7 +62,7 @@ fn settings_are_printed_and_read_back() {
         let (again, _) = succeed(path, "fit --config run.toml --print-config");
         assert_eq!(printed, again);
     }
-    // The file over the preset, --set over the file, flags over all.
+    // The file overrides the preset, --set the file, and flags override all.
     fs::write(path.join("run.toml"), "steps = 7\nseed = 3\nconditions = 9\n[head]\nbins = 6\n").unwrap();
     let (printed, _) =
         succeed(path, "fit --preset paper-ggx --config run.toml --set seed=4 --set strata=5 --seed 5 --print-config");
@@ -148,7 +148,7 @@ fn checkpoints(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// The sampler that an uninterrupted run writes, and how long the run takes.
+/// Returns the sampler of an uninterrupted run and the duration.
 fn whole_run() -> (Vec<u8>, Duration) {
     let here = folder();
     let start = Instant::now();
@@ -156,14 +156,14 @@ fn whole_run() -> (Vec<u8>, Duration) {
     (fs::read(here.path().join("out/sampler.safetensors")).unwrap(), start.elapsed())
 }
 
-/// Kills runs at random moments until `kills` are done or one ends; then lets one end. Answers how many were killed.
+/// Kills up to `kills` runs at random moments, then completes one. Returns the number of killed runs.
 fn kill_and_resume(path: &Path, kills: usize, typical: Duration, seed: u64) -> usize {
     let mut stream = Stream::new(seed, Purpose::Test, 0);
     let mut killed = 0;
     for _ in 0..kills {
         let mut process = command(path, RUN).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         sleep(typical.mul_f32(0.05 + 0.5 * stream.uniform()));
-        // SIGKILL on Unix. A process that has ended meanwhile cannot be killed any more.
+        // SIGKILL on Unix, unless the process has ended.
         if process.try_wait().unwrap().is_none() {
             process.kill().unwrap();
             killed += 1;
@@ -176,7 +176,7 @@ fn kill_and_resume(path: &Path, kills: usize, typical: Duration, seed: u64) -> u
 }
 
 #[test]
-fn a_run_that_is_killed_ends_with_the_bytes_of_one_that_is_not() {
+fn killed_runs_resume_to_identical_bytes() {
     let (expected, typical) = whole_run();
     let here = folder();
     let killed = kill_and_resume(here.path(), 5, typical, 1);
@@ -185,15 +185,15 @@ fn a_run_that_is_killed_ends_with_the_bytes_of_one_that_is_not() {
     assert_eq!(steps(&metrics(&here.path().join("out"))), [0, 20, 40, 60]);
     assert!(checkpoints(here.path()).len() <= 3);
     let entries = fs::read_dir(here.path().join("kept")).unwrap();
-    // The record of who writes there stays.
+    // The record of the output folder stays.
     let left = entries.filter(|entry| entry.as_ref().unwrap().file_name() != ".headtail").count();
     assert_eq!(left, checkpoints(here.path()).len(), "nothing half done is left");
 }
 
-/// Run by hand: `cargo test --release --test training -- --ignored --nocapture twenty`.
+/// Run manually: `cargo test --release --test training -- --ignored --nocapture twenty`.
 #[test]
 #[ignore = "takes minutes"]
-fn twenty_kills_leave_the_result_as_it_is() {
+fn twenty_kills_leave_the_result_unchanged() {
     let (expected, typical) = whole_run();
     let (mut killed, mut runs) = (0, 0);
     while killed < 20 {
@@ -206,7 +206,7 @@ fn twenty_kills_leave_the_result_as_it_is() {
 }
 
 #[test]
-fn damaged_checkpoints_are_named_and_the_one_before_is_used() {
+fn damaged_checkpoints_are_named_and_the_previous_one_used() {
     let (expected, _) = whole_run();
     let here = folder();
     let path = here.path();
@@ -228,9 +228,9 @@ fn damaged_checkpoints_are_named_and_the_one_before_is_used() {
     assert!(fail(path, &RUN.replace("--resume", "")).contains("earlier run"));
 }
 
-/// A run that has ended goes on where it was, to the steps of a longer one; a shorter one is refused.
+/// A finished run is extended to more steps; fewer steps are rejected.
 #[test]
-fn a_run_is_extended() {
+fn finished_runs_can_be_extended() {
     let here = folder();
     let path = here.path();
     succeed(path, RUN);
@@ -243,7 +243,7 @@ fn a_run_is_extended() {
     assert!(fail(path, &RUN.replace("--steps 60", "--steps 40")).contains("steps"));
 }
 
-/// SIGTERM and SIGINT save, write what was learned, and exit with 0.
+/// SIGTERM and SIGINT write a checkpoint and the current sampler and exit with 0.
 #[cfg(unix)]
 #[test]
 fn signals_save_a_checkpoint() {
@@ -268,7 +268,7 @@ fn signals_save_a_checkpoint() {
     }
 }
 
-/// The real reader of event files; it must be there if `HEADTAIL_PYTHON` names an interpreter that has it.
+/// Uses TensorBoard's own reader, which must exist if `HEADTAIL_PYTHON` names an interpreter.
 #[test]
 fn tensorboard_reads_the_event_files() {
     let named = std::env::var("HEADTAIL_PYTHON").ok();

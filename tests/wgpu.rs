@@ -1,6 +1,7 @@
-//! The backend wgpu against the f64 reference and the host: `cargo test --release --workspace --features wgpu --test wgpu`.
+//! Compares the backend wgpu with the f64 reference and the host:
+//! `cargo test --release --workspace --features wgpu --test wgpu`.
 //!
-//! Where the machine has no graphics adapter, not even one in software, the tests say so and count as ignored.
+//! Without a graphics adapter, not even a software one, the tests say so and count as ignored.
 
 use headtail_render::{
     environment::Environment,
@@ -9,19 +10,20 @@ use headtail_render::{
 use headtail_train::{Backend, BackendTrial, CosineTarget, FitConfig, Mode};
 use libtest_mimic::{Arguments, Failed, Trial};
 
-/// A few steps on the host and on wgpu.
+/// Compares a few training steps on the host and on wgpu.
 fn agrees(mode: Mode) -> Result<(), Failed> {
     let environment = Environment::open("studio")?;
     let (width, height) = (environment.width(), environment.height());
     let tail = Tail::new(TailKind::Hierarchical, width, height, &environment.luminance())?;
     let target = CosineTarget::new(&tail);
-    // The paper's rate: Adam's first moves have the gradient's sign whatever its size, so at high rates rounding grows.
+    // The paper's learning rate: Adam's first steps depend on the gradient's sign only, so high rates amplify
+    // rounding.
     let mut config = FitConfig { conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
     config.head.mode = mode;
     let trial = BackendTrial { config, steps: 3 };
     let host = trial.run(Backend::Flex, &target, &[])?;
     let row = trial.run(Backend::Wgpu, &target, &host.losses)?;
-    // Sums of some thousand f32 terms; 1e-4 is what is asked of every gradient.
+    // Sums of some thousand f32 terms; every gradient must agree to 1e-4.
     if row.gradient_error >= 1e-4 || row.largest_loss_difference >= 1e-3 || !row.final_loss.is_finite() {
         return Err(format!("{row:?}").into());
     }

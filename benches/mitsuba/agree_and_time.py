@@ -1,13 +1,14 @@
-"""Agreement and time per sample of the forms of a sampler, in one process and in turns: the C library, the Python package, Dr.Jit, WGSL.
+"""Agreement and time per sample of a sampler's implementations, interleaved in one process: C library, Python
+package, Dr.Jit, WGSL.
 
     cargo build --release -p headtail -p headtail-capi
     python benches/mitsuba/agree_and_time.py --library target/release/libheadtail_c.so --count 1000000
     pip install wgpu
     python benches/mitsuba/agree_and_time.py --library target/release/libheadtail_c.so --headtail target/release/headtail
 
-The C library is the native sampler behind one call, so its time is that of the native batch. Times are those of the clock (ns) and of all
-threads of the process together (cpu ns), which other work on the machine disturbs less. The WGSL of `headtail export` is taken where --headtail names
-the program, on the adapter that wgpu finds: a processor where Mesa's is the only one. Prints JSON lines.
+The C library is the native sampler behind one call, so its time is that of the native batch. Times are wall-clock (ns) and the sum over
+all threads of the process (cpu ns), which is less sensitive to other load. With --headtail, the WGSL of
+`headtail export` runs on the adapter that wgpu finds, a CPU if only Mesa's is available. Prints JSON lines.
 """
 
 import argparse
@@ -32,7 +33,7 @@ class Points(ctypes.Structure):
 
 
 class Library:
-    """A sampler of the C library."""
+    """A sampler from the C library."""
 
     def __init__(self, path, env, spec):
         self.calls = ctypes.CDLL(path)
@@ -61,7 +62,7 @@ class Library:
 class Shader:
     """A sampler as WGSL on a device."""
 
-    # What is timed is the draw alone; the example of the exported shader evaluates a pdf besides.
+    # Only sampling is timed; the example of the exported shader also evaluates a pdf.
     ENTRY = """
         @group(0) @binding(2) var<storage, read> points: array<vec4<f32>>;
         @group(0) @binding(3) var<storage, read_write> drawn: array<vec4<f32>>;
@@ -109,7 +110,7 @@ class Shader:
         work.dispatch_workgroups(min(groups, 65535), -(-groups // 65535))
         work.end()
         self.device.queue.submit([encoder.finish()])
-        # Waits for the device: sixteen bytes come back.
+        # Waits for the device by reading 16 bytes.
         self.device.queue.read_buffer(self.drawn, 0, 16)
 
     def results(self):
@@ -117,7 +118,7 @@ class Shader:
         return rows[:, :3], rows[:, 3]
 
 
-# Directions whose pdfs are asked for.
+# Maximum number of directions whose pdfs are evaluated.
 MOST_GIVEN = 100_000
 
 
@@ -127,14 +128,15 @@ def directions(count, seed):
 
 
 def timed(work):
-    """(seconds of the clock, seconds of all threads)"""
+    """Returns (wall-clock seconds, seconds of all threads)."""
     start, used = time.perf_counter(), time.process_time()
     work()
     return time.perf_counter() - start, time.process_time() - used
 
 
 def form_of(sampler, alpha):
-    """Dr.Jit's form of a sampler: functions of normals, views, and uniform points or given directions."""
+    """Returns Dr.Jit's form of a sampler: functions of normals, views, and uniform points or given
+    directions."""
     from headtail.mitsuba._integrators import product_of
     from headtail.mitsuba._patches import Patches, Point
 
@@ -152,7 +154,7 @@ def form_of(sampler, alpha):
 
 
 def apart(row, form, wi, pdf, own):
-    """Adds how far a form's directions and pdfs are from the package's."""
+    """Adds the differences of a form's directions and pdfs from the package's."""
     drawn = own[1] > 0
     distance = np.abs(wi - own[0]).max(1)[drawn]
     row |= {f"{form} beyond 1e-4": float((distance > 1e-4).mean()), f"{form} 99.9 %": float(np.quantile(distance, 0.999))}
@@ -161,7 +163,8 @@ def apart(row, form, wi, pdf, own):
 
 
 def compare(name, env, sampler, of_library, shader_of, count, rounds, alpha=None):
-    """A row of the tables, for diffuse surfaces or for glossy ones of widths `alpha`; of what is not given there is no column."""
+    """Returns a row of the tables, for diffuse surfaces or glossy ones of widths `alpha`; forms that are not
+    given have no column."""
     n, wo = directions(count, 1), directions(count, 2)
     wo = np.where((n * wo).sum(1, keepdims=True) < 0, -wo, wo)
     u = np.random.default_rng(3).random((count, 2), dtype=np.float32)

@@ -2,9 +2,9 @@
 
     python benches/peers/inference.py [--rounds 3]
 
-Every sample has a condition of its own; encoder and condition layers are part of the time. headtail draws samples
-(`cargo bench --bench inference`, which is run for it), PyTorch evaluates densities, which is as much arithmetic: the same
-networks, and splines in the direction that needs no root. Rounds alternate; medians are printed.
+Every sample has its own condition; encoder and condition layers are included. headtail samples (through
+`cargo bench --bench inference`), PyTorch evaluates densities, which takes the same arithmetic: the same
+networks, and splines in the direction without root finding. Rounds alternate; medians are printed.
 """
 
 import argparse
@@ -23,7 +23,7 @@ MODE = "coupled"
 
 
 def headtail():
-    """Millions of samples per second, the benchmark's median."""
+    """Returns millions of samples per second, the benchmark's median."""
     command = ["cargo", "bench", "--bench", "inference", "--", "sample", "--sample-count", "300"]
     root = Path(__file__).resolve().parents[2]
     lines = subprocess.run(command, check=True, capture_output=True, text=True, cwd=root).stdout.splitlines()
@@ -34,7 +34,7 @@ def headtail():
 
 
 def peer(function, samples, seconds=2.0):
-    """The same of a function that evaluates `samples` densities."""
+    """Returns the same for a function that evaluates `samples` densities."""
     function()
     times, end = [], time.perf_counter() + seconds
     while time.perf_counter() < end:

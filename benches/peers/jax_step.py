@@ -7,7 +7,7 @@ import problem
 
 
 class Step:
-    """One optimiser step on a batch that stays in memory."""
+    """One optimiser step on a batch in memory."""
 
     def __init__(self, mode, conditions, samples):
         self.mode = mode
@@ -69,7 +69,7 @@ class Step:
 
 
 def spline(logits, x, circle):
-    """Rational-quadratic spline in the density direction: value and log-slope."""
+    """Evaluates a rational-quadratic spline in the density direction: value and log-slope."""
     bins = problem.BINS
     free = 1.0 - bins * problem.MIN_BIN
     widths = problem.MIN_BIN + free * jax.nn.softmax(logits[..., :bins], -1)

@@ -1,4 +1,4 @@
-"""The head of the preset paper-ggx in numbers: sizes, weights and a batch that every peer starts from."""
+"""The head of the preset paper-ggx: sizes, initial weights and a batch for all peers."""
 
 import math
 
@@ -20,7 +20,7 @@ WEIGHT_DECAY = 1e-2
 
 
 def layer_sizes(mode):
-    """(inputs, outputs) by name: encoder, elevation network, azimuth network."""
+    """Returns (inputs, outputs) by name: encoder, elevation network, azimuth network."""
     seen = CONDITION + HIDDEN
     features = 2 if mode == "coupled" else 0
     sizes = {}
@@ -35,7 +35,7 @@ def layer_sizes(mode):
 
 
 def initial_weights(mode, seed=0):
-    """Uniform in +-1/sqrt(inputs), as PyTorch's Linear; weights are [out, in]."""
+    """Returns weights [out, in], uniform in +-1/sqrt(inputs) as in PyTorch's Linear."""
     rng = np.random.default_rng(seed)
     weights = {}
     for name, (inputs, outputs) in layer_sizes(mode).items():
@@ -46,7 +46,7 @@ def initial_weights(mode, seed=0):
 
 
 def batch(conditions, samples, seed=1):
-    """Conditions [C, 12], points [C, S, 2] of the unit square, and a target density [C, S]."""
+    """Returns conditions [C, 12], points [C, S, 2] of the unit square, and a target density [C, S]."""
     rng = np.random.default_rng(seed)
     c = rng.normal(size=(conditions, CONDITION)).astype(np.float32)
     y = rng.random((conditions, samples, 2), dtype=np.float32)

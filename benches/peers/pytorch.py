@@ -10,7 +10,7 @@ import problem
 
 
 class Step:
-    """One optimiser step on a batch that stays in memory."""
+    """One optimiser step on a batch in memory."""
 
     def __init__(self, mode, conditions, samples, compiled):
         self.mode = mode
@@ -27,7 +27,8 @@ class Step:
         return F.linear(x, self.weights[name + ".weight"], self.weights[name + ".bias"])
 
     def network(self, part, seen, features):
-        """Logits [C, S or 1, 97]; the condition's part of the first layer is computed once per condition."""
+        """Returns logits [C, S or 1, 97]; the condition's part of the first layer is computed once per
+        condition."""
         weight, bias = self.weights[part + "0.weight"], self.weights[part + "0.bias"]
         length = seen.shape[1]
         hidden = F.linear(seen, weight[:, :length], bias)[:, None, :]
@@ -38,7 +39,7 @@ class Step:
         return self.linear(part + "2", hidden)
 
     def log_density(self, c, y):
-        """ln q(y | c), [C, S]."""
+        """Returns ln q(y | c), [C, S]."""
         latent = F.leaky_relu(self.linear("encoder0", c), problem.LEAKY)
         latent = F.leaky_relu(self.linear("encoder1", latent), problem.LEAKY)
         seen = torch.cat([c, latent], 1)
@@ -68,7 +69,7 @@ class Step:
 
 
 def spline(logits, x, circle):
-    """Rational-quadratic spline in the density direction: value and log-slope."""
+    """Evaluates a rational-quadratic spline in the density direction: value and log-slope."""
     bins = problem.BINS
     free = 1.0 - bins * problem.MIN_BIN
     widths = problem.MIN_BIN + free * torch.softmax(logits[..., :bins], -1)

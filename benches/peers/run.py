@@ -2,9 +2,9 @@
 
     python benches/peers/run.py [--mode coupled|autoregressive] [--conditions 256] [--samples 1024] [--steps 5] [--rounds 3]
 
-A step is forward, backward and AdamW on a batch that is already in memory. Peers take turns for a number of rounds, and the
+A step is forward, backward and AdamW on a batch in memory. Peers take turns for a number of rounds, and the
 medians of their samples per second are printed with the ratio of headtail to each. headtail is measured by
-`headtail backends --json`, whose program must have been built (`cargo build --release`) or be named by HEADTAIL.
+`headtail backends --json`, whose program must be built (`cargo build --release`) or named by HEADTAIL.
 """
 
 import argparse

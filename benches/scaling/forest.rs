@@ -18,7 +18,7 @@ pub const TRIANGLES: usize = 2 * (LEAVES + SIDES);
 /// Metres between neighbouring trees.
 const SPACING: f32 = 6.0;
 
-/// Writes a forest of so many trees with a ground and a camera.
+/// Writes a forest of `trees` trees with a ground and a camera.
 pub fn write(path: &Path, trees: usize) {
     let mut file = File::default();
     let mut random = Stream::new(1, Purpose::Test, 0);
@@ -46,7 +46,7 @@ pub fn write(path: &Path, trees: usize) {
         json!({"pbrMetallicRoughness": {"baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0}, "doubleSided": true})
     };
     let instances = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
-    // Just above the trees at the edge, looking down to the middle.
+    // Just above the trees at the edge, looking down to the centre.
     let down = Quat::from_rotation_x(-0.35).to_array();
     let json = json!({
         "asset": {"version": "2.0"},
@@ -67,7 +67,7 @@ pub fn write(path: &Path, trees: usize) {
     fs::write(path, file.glb(&json)).expect("a file that can be written");
 }
 
-/// The corners of triangles.
+/// Returns triangle corners.
 fn trunk() -> Vec<Vec3> {
     let at = |side: usize, radius: f32, y: f32| {
         let (sin, cos) = (TAU * side as f32 / SIDES as f32).sin_cos();
@@ -82,7 +82,7 @@ fn trunk() -> Vec<Vec3> {
         .collect()
 }
 
-/// The corners of triangles: squares in a ball, turned at random.
+/// Returns triangle corners: randomly rotated squares in a ball.
 fn leaves(random: &mut Stream) -> Vec<Vec3> {
     let mut leaf = || {
         let center = 2.5 * random.uniform().cbrt() * Vec3::from(random.direction()) + 5.5 * Vec3::Y;
@@ -95,7 +95,7 @@ fn leaves(random: &mut Stream) -> Vec<Vec3> {
     (0..LEAVES).flat_map(|_| leaf()).collect()
 }
 
-/// A file in the making.
+/// A glTF file under construction.
 #[derive(Default)]
 struct File {
     bytes: Vec<u8>,
@@ -104,13 +104,13 @@ struct File {
 }
 
 impl File {
-    /// Adds triangles by their corners; the primitive.
+    /// Adds triangles by their corners and returns the primitive.
     fn mesh(&mut self, corners: &[Vec3], material: usize) -> Value {
         let corners: Vec<[f32; 3]> = corners.iter().map(Vec3::to_array).collect();
         json!({"attributes": {"POSITION": self.accessor(&corners, "VEC3")}, "material": material})
     }
 
-    /// Adds a list of vectors; its number.
+    /// Adds a list of vectors and returns its index.
     fn accessor<const N: usize>(&mut self, vectors: &[[f32; N]], kind: &str) -> usize {
         let first = self.bytes.len();
         self.bytes.extend(vectors.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
@@ -120,7 +120,7 @@ impl File {
         self.accessors.len() - 1
     }
 
-    /// The bytes of the whole.
+    /// Returns the bytes of the file.
     fn glb(&self, json: &Value) -> Vec<u8> {
         let mut text = json.to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');

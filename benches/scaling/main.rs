@@ -1,13 +1,14 @@
-//! How time and memory grow: with triangles, resolution, samples and threads.
+//! Scaling of time and memory with triangles, resolution, samples and threads.
 //!
 //! ```sh
 //! cargo bench --bench scaling
 //! cargo bench --bench scaling -- --sampler mis2 --most 100000
 //! ```
 //!
-//! The scene is a field of balls under the built-in map `studio`; balls and their tessellation grow with the number of triangles.
-//! Each line is the best of three renderings. `Mrays/s` counts camera and shadow rays; memory is what the process has gained by
-//! building the scene. The forest is a glTF file that places one tree by `EXT_mesh_gpu_instancing`; `--forest FILE` keeps its largest.
+//! The scene is a field of balls under the built-in map `studio`; balls and their tessellation grow with the
+//! number of triangles. Each line is the best of three renderings. `Mrays/s` counts camera and shadow rays;
+//! memory is the growth of the process from building the scene. The forest is a glTF file that instances one
+//! tree by `EXT_mesh_gpu_instancing`; `--forest FILE` keeps its largest.
 
 mod forest;
 
@@ -29,7 +30,7 @@ use headtail_render::{
     spec::SamplerSpec,
 };
 
-/// What is measured unless said otherwise: triangles, width (4 : 3), samples per pixel.
+/// Defaults: triangles, width (4 : 3), samples per pixel.
 const BASE: (usize, usize, u32) = (100_000, 320, 16);
 
 fn main() {
@@ -92,7 +93,7 @@ fn main() {
     }
 }
 
-/// Prints a scene of so many objects, its seconds and megabytes, and how fast it is rendered.
+/// Prints a scene's number of objects, its seconds and megabytes, and its rendering rate.
 fn report(scene: &Scene, objects: usize, [built, memory]: [f64; 2], rendering: &Rendering) {
     println!(
         "{:>10} {objects:>9} {built:>9.3} {memory:>9.1} {:>9.3} {:>9.2}",
@@ -102,7 +103,7 @@ fn report(scene: &Scene, objects: usize, [built, memory]: [f64; 2], rendering: &
     );
 }
 
-/// The fastest of three renderings.
+/// Returns the fastest of three renderings.
 fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, width: usize, spp: u32) -> Rendering {
     let camera = scene.camera();
     let view = View { scene, camera: &camera, environment, width, height: width * 3 / 4, unshadowed: false, depth: 1 };
@@ -111,16 +112,16 @@ fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, wid
     (0..3).map(once).min_by(|a, b| a.seconds.total_cmp(&b.seconds)).expect("three renderings")
 }
 
-/// Camera and shadow rays in millions per second.
+/// Returns camera and shadow rays in millions per second.
 fn rate(rendering: &Rendering) -> f64 {
     let covered: f64 = rendering.coverage.iter().map(|&share| f64::from(share)).sum();
     let rays = f64::from(rendering.spp) * (rendering.coverage.len() as f64 + rendering.rays_per_sample * covered);
     1e-6 * rays / rendering.seconds
 }
 
-/// About `triangles` triangles in a square of balls on the ground, and the number of balls.
+/// Returns about `triangles` triangles in a square of balls on the ground, and the number of balls.
 fn field(triangles: usize) -> (Scene, usize) {
-    // Balls and triangles in each grow alike: the cube root of the whole across, its square root around.
+    // Balls and triangles per ball grow alike: the cube root of the total across, its square root around.
     let across = ((triangles as f64 / 10.0).cbrt().round() as usize).max(2);
     let segments = (((triangles / (across * across)) as f64).sqrt().round() as usize).max(4);
     let mut meshes: Vec<Mesh> = (0..across * across)
@@ -136,7 +137,7 @@ fn field(triangles: usize) -> (Scene, usize) {
     (Scene::new("field", meshes, vec![material], Some(camera)).expect("one material"), across * across)
 }
 
-/// A ball of `segments` pieces around and half as many rings, with smooth normals.
+/// Returns a ball of `segments` segments around and half as many rings, with smooth normals.
 fn ball(center: Vec3, radius: f32, segments: usize) -> Mesh {
     let rings = segments.div_ceil(2);
     let mut normals = Vec::new();
@@ -157,14 +158,15 @@ fn ball(center: Vec3, radius: f32, segments: usize) -> Mesh {
     Mesh::new(positions, normals.clone(), vec![], triangles.collect(), 0).expect("a ball's own indices")
 }
 
-/// What a process of its own gains by loading a scene, in MB: this one uses memory of former scenes again.
+/// Returns the memory in MB that a separate process gains by loading a scene: this process would reuse memory
+/// of earlier scenes.
 fn footprint(path: &Path) -> f64 {
     let program = std::env::current_exe().expect("a program");
     let output = Command::new(program).arg("--load").arg(path).output().expect("a process");
     String::from_utf8_lossy(&output.stdout).trim().parse().expect("a number")
 }
 
-/// Memory of this process in MB; 0 where the system does not say.
+/// Returns the memory of this process in MB; 0 if the system does not report it.
 fn resident() -> f64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));

@@ -1,4 +1,4 @@
-// A light sampler in the manner of pbrt: Sample_Li and PDF_Li at a shading point, over headtail's C library.
+// A light sampler with pbrt's interface: Sample_Li and PDF_Li at a shading point, with headtail's C library.
 //   c++ -std=c++17 -I capi/include capi/examples/light_sampler.cpp -lheadtail_c && ./a.out room.hdr
 #include <cstdio>
 #include <optional>

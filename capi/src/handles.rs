@@ -1,4 +1,4 @@
-//! Objects by number: a number that was closed, or never given, is an error and not memory.
+//! Objects by handle: a closed or unknown handle is an error, not a memory fault.
 
 use std::{
     collections::HashMap,
@@ -9,7 +9,7 @@ use headtail_sampling::{environment::Environment, sampler::Sampler};
 
 use crate::status::Failure;
 
-/// What a handle stands for.
+/// The object of a handle.
 #[derive(Clone)]
 pub enum Object {
     Environment(Arc<Environment>),
@@ -20,7 +20,7 @@ pub enum Object {
 pub struct OpenSampler {
     pub sampler: Arc<dyn Sampler>,
     pub environment: Arc<Environment>,
-    /// JSON.
+    /// The description, JSON.
     pub description: String,
 }
 
@@ -32,7 +32,7 @@ struct Table {
 
 static TABLE: LazyLock<RwLock<Table>> = LazyLock::new(RwLock::default);
 
-/// Keeps an object; its handle, which is never 0 and never given again.
+/// Stores an object and returns its handle, which is never 0 and never reused.
 pub fn open(object: Object) -> u64 {
     let mut table = TABLE.write().unwrap_or_else(PoisonError::into_inner);
     table.last += 1;
@@ -41,13 +41,13 @@ pub fn open(object: Object) -> u64 {
     handle
 }
 
-/// The object of a handle. It lives on while a call uses it, even if another thread closes it.
+/// Returns the object of a handle. It stays alive during a call, even if another thread closes it.
 fn object(handle: u64) -> Result<Object, Failure> {
     let table = TABLE.read().unwrap_or_else(PoisonError::into_inner);
     table.objects.get(&handle).cloned().ok_or_else(|| Failure::argument(format!("handle {handle}: is not open")))
 }
 
-/// Forgets a handle.
+/// Closes a handle.
 pub fn close(handle: u64) -> Result<(), Failure> {
     let mut table = TABLE.write().unwrap_or_else(PoisonError::into_inner);
     table.objects.remove(&handle).map(|_| ()).ok_or_else(|| Failure::argument(format!("handle {handle}: is not open")))

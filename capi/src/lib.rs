@@ -1,7 +1,9 @@
-//! The C library: environments and samplers by handles, batches of directions. `include/headtail.h` is its header.
+//! The C library: environments and samplers by handles, batches of directions. Its header is
+//! `include/headtail.h`.
 //!
-//! World space is right-handed with Y up; directions are unit vectors that point away from the surface, three floats each. Every pdf is over solid
-//! angle. All functions may be called from any thread at any time, on the same handles too. Nothing unwinds out of them.
+//! World space is right-handed with Y up; directions are unit vectors that point away from the surface, three
+//! floats each. All pdfs are over solid angle. All functions may be called from any thread at any time, also
+//! with the same handles. No function unwinds.
 
 mod handles;
 mod status;
@@ -26,56 +28,57 @@ use status::{Failure, call};
 
 pub use status::HeadtailStatus;
 
-/// Most elements of a list.
+/// Largest number of elements of a list.
 const MOST: usize = 1 << 40;
 
-/// An environment or a sampler that is open. 0 is none.
+/// A handle of an open environment or sampler; 0 is never a valid handle.
 pub type HeadtailHandle = u64;
 
-/// Shading points. Each list has one entry for all points, or one for each.
+/// Shading points. Each list has one entry for all points, or one per point.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HeadtailPoints {
     /// Unit shading normals in world space, three floats each.
     pub n: *const f32,
-    /// Entries of `n`.
+    /// Number of entries of `n`.
     pub n_count: usize,
-    /// Unit directions to the viewer; NULL takes the normals, which is enough for diffuse surfaces.
+    /// Unit directions to the viewer; NULL uses the normals, which suffices for diffuse surfaces.
     pub wo: *const f32,
-    /// Entries of `wo`.
+    /// Number of entries of `wo`.
     pub wo_count: usize,
     /// Trowbridge-Reitz widths from 0.001 to 1; NULL for diffuse surfaces.
     pub alpha: *const f32,
-    /// Entries of `alpha`.
+    /// Number of entries of `alpha`.
     pub alpha_count: usize,
-    /// Reflectances at normal incidence from 0 to 1; NULL takes 1.
+    /// Reflectances at normal incidence from 0 to 1; NULL uses 1.
     pub f0: *const f32,
-    /// Entries of `f0`.
+    /// Number of entries of `f0`.
     pub f0_count: usize,
 }
 
-/// The sentence of the last call of this thread that did not end with HEADTAIL_STATUS_OK. It stays valid until the next such call.
+/// Returns the error message of this thread's last call that did not return HEADTAIL_STATUS_OK. It stays
+/// valid until the next such call.
 #[unsafe(no_mangle)]
 pub extern "C" fn headtail_last_error() -> *const c_char {
     status::last()
 }
 
-/// Opens an environment: a built-in one (overcast, window, studio, sunset) or a Radiance .hdr file, by its UTF-8 name. Of other formats, give the
-/// texels to headtail_environment_from_texels.
+/// Opens an environment by its UTF-8 name: a built-in one (overcast, window, studio, sunset) or a Radiance
+/// .hdr file. For other formats, pass the texels to headtail_environment_from_texels.
 ///
 /// # Safety
 /// `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn headtail_environment_open(name: *const c_char, out: *mut HeadtailHandle) -> HeadtailStatus {
     call(|| {
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         let (name, out) = unsafe { (text("name", name)?, target("out", out)?) };
         *out = handles::open(Object::Environment(Arc::new(Environment::open(name)?)));
         Ok(())
     })
 }
 
-/// Makes an environment of linear Rec.709 radiance, three floats for each texel, rows from the top.
+/// Creates an environment from linear Rec.709 radiance, three floats per texel, rows from the top.
 ///
 /// # Safety
 /// `texels` is NULL or holds 3 * width * height floats; `out` is NULL or may be written to.
@@ -89,7 +92,7 @@ pub unsafe extern "C" fn headtail_environment_from_texels(
     call(|| {
         let count = width.checked_mul(height).filter(|count| *count <= 1 << 27);
         let count = count.ok_or_else(|| Failure::argument(format!("size: {width} x {height} is above 2^27 texels")))?;
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         let (pixels, out) = unsafe { (list("texels", texels.cast::<[f32; 3]>(), count)?, target("out", out)?) };
         let image = Image { width, height, pixels: pixels.to_vec() };
         *out = handles::open(Object::Environment(Arc::new(Environment::from_image("texels", image)?)));
@@ -97,8 +100,8 @@ pub unsafe extern "C" fn headtail_environment_from_texels(
     })
 }
 
-/// Makes the sampler of a SPEC for an environment: "auto", which is "patches" where there is no scene; "mis", "direct:FILE", ... as on the
-/// command line.
+/// Creates the sampler of a SPEC for an environment, as on the command line: "auto" (here the same as
+/// "patches", because there is no scene), "mis", "direct:FILE", ...
 ///
 /// # Safety
 /// `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
@@ -109,7 +112,7 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
     out: *mut HeadtailHandle,
 ) -> HeadtailStatus {
     call(|| {
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         let (spec, out) = unsafe { (text("spec", spec)?, target("out", out)?) };
         let environment = handles::environment(environment)?;
         let parsed = spec.parse::<SamplerSpec>()?.resolved(false);
@@ -119,7 +122,7 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
     })
 }
 
-/// Opens a sampler's file for the environment that it was made for.
+/// Opens a sampler's file for the environment that it was built for.
 ///
 /// # Safety
 /// `path` is NULL or ends with a zero byte; `out` is NULL or may be written to.
@@ -130,7 +133,7 @@ pub unsafe extern "C" fn headtail_sampler_open(
     out: *mut HeadtailHandle,
 ) -> HeadtailStatus {
     call(|| {
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         let (path, out) = unsafe { (Path::new(text("path", path)?), target("out", out)?) };
         let environment = handles::environment(environment)?;
         let exported = ExportedSampler::read(path)?;
@@ -141,8 +144,8 @@ pub unsafe extern "C" fn headtail_sampler_open(
     })
 }
 
-/// Writes what a sampler says of itself, as JSON that ends with a zero byte, into `buffer`, as much of it as fits. `length` becomes the bytes that all
-/// of it needs, the zero included; it may be NULL.
+/// Writes the description of a sampler, as zero-terminated JSON, into `buffer`, truncated to `capacity`.
+/// `length`, which may be NULL, is set to the required bytes, including the terminating zero.
 ///
 /// # Safety
 /// `buffer` is NULL or has room for `capacity` bytes; `length` is NULL or may be written to.
@@ -157,12 +160,12 @@ pub unsafe extern "C" fn headtail_sampler_describe(
         let sampler = handles::sampler(sampler)?;
         let bytes = sampler.description.as_bytes();
         if !length.is_null() {
-            // SAFETY: as the caller promises.
+            // SAFETY: guaranteed by the caller.
             unsafe { length.write(bytes.len() + 1) };
         }
         if !buffer.is_null() && capacity > 0 {
             let count = bytes.len().min(capacity - 1);
-            // SAFETY: `count` + 1 bytes are within the capacity, which the caller promises.
+            // SAFETY: `count` + 1 bytes are within the capacity, which the caller guarantees.
             unsafe {
                 std::ptr::copy_nonoverlapping(bytes.as_ptr().cast(), buffer, count);
                 buffer.add(count).write(0);
@@ -172,11 +175,13 @@ pub unsafe extern "C" fn headtail_sampler_describe(
     })
 }
 
-/// Draws a direction for each of `count` points. `u` holds two uniform numbers of [0, 1) for each; where it is NULL, random numbers of `seed` are
-/// taken. `wi` gets three floats for each point, `pdf` one, `radiance`, which may be NULL, three. A pdf of 0 is no sample; the other results are then 0.
+/// Samples a direction for each of `count` points. `u` holds two uniform numbers in [0, 1) per point; if it
+/// is NULL, random numbers are generated from `seed`. `wi` receives three floats per point, `pdf` one,
+/// `radiance`, which may be NULL, three. A pdf of 0 marks no sample; the other results are then 0.
 ///
 /// # Safety
-/// Lists are NULL or as long as their counts say. Results may be written to, and share no memory with each other or with other lists.
+/// Lists are NULL or as long as their counts. Results may be written to, and do not overlap each other or
+/// other lists.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn headtail_sampler_sample(
     sampler: HeadtailHandle,
@@ -190,7 +195,7 @@ pub unsafe extern "C" fn headtail_sampler_sample(
 ) -> HeadtailStatus {
     call(|| {
         let sampler = handles::sampler(sampler)?;
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe {
             let at = point_list(points)?;
             let numbers = if u.is_null() { Numbers::Seed(seed) } else { Numbers::Given(list("u", u.cast(), count)?) };
@@ -205,7 +210,8 @@ pub unsafe extern "C" fn headtail_sampler_sample(
     })
 }
 
-/// The solid-angle pdfs with which [`headtail_sampler_sample`] draws the `count` unit directions `wi` at the points.
+/// Evaluates the solid-angle pdfs with which [`headtail_sampler_sample`] samples the `count` unit directions
+/// `wi` at the points.
 ///
 /// # Safety
 /// As for [`headtail_sampler_sample`].
@@ -219,7 +225,7 @@ pub unsafe extern "C" fn headtail_sampler_pdf(
 ) -> HeadtailStatus {
     call(|| {
         let sampler = handles::sampler(sampler)?;
-        // SAFETY: as the caller promises.
+        // SAFETY: guaranteed by the caller.
         unsafe {
             let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("pdf", pdf, count)?);
             Ok(batch::pdf(&*sampler.sampler, &point_list(points)?, wi, out)?)
@@ -227,7 +233,7 @@ pub unsafe extern "C" fn headtail_sampler_pdf(
     })
 }
 
-/// Closes an environment or a sampler. A sampler keeps what it needs of its environment.
+/// Closes an environment or a sampler. A sampler keeps the data that it needs from its environment.
 #[unsafe(no_mangle)]
 pub extern "C" fn headtail_close(handle: HeadtailHandle) -> HeadtailStatus {
     call(|| handles::close(handle))
@@ -243,7 +249,7 @@ unsafe fn text<'a>(name: &str, pointer: *const c_char) -> Result<&'a str, Failur
     if pointer.is_null() {
         return Err(Failure::argument(format!("{name}: is NULL")));
     }
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     let text = unsafe { CStr::from_ptr(pointer) };
     text.to_str().map_err(|_| Failure::argument(format!("{name}: is not UTF-8")))
 }
@@ -252,7 +258,7 @@ unsafe fn text<'a>(name: &str, pointer: *const c_char) -> Result<&'a str, Failur
 /// `pointer` is NULL or may be written to.
 unsafe fn target<'a>(name: &str, pointer: *mut HeadtailHandle) -> Result<&'a mut HeadtailHandle, Failure> {
     check(name, pointer, 1)?;
-    // SAFETY: as the caller promises. What is there is overwritten, whatever it is: any bits are a handle.
+    // SAFETY: guaranteed by the caller. The old value is overwritten; all bit patterns are valid handles.
     let out = unsafe { &mut *pointer };
     *out = 0;
     Ok(out)
@@ -275,7 +281,7 @@ fn check<T>(name: &str, pointer: *const T, count: usize) -> Result<(), Failure> 
 /// `pointer` is NULL or holds `count` entries.
 unsafe fn list<'a, T>(name: &str, pointer: *const T, count: usize) -> Result<&'a [T], Failure> {
     check(name, pointer, count)?;
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     Ok(unsafe { slice::from_raw_parts(pointer, count) })
 }
 
@@ -283,14 +289,14 @@ unsafe fn list<'a, T>(name: &str, pointer: *const T, count: usize) -> Result<&'a
 /// `pointer` is NULL or holds `count` entries that nothing else refers to.
 unsafe fn list_mut<'a, T>(name: &str, pointer: *mut T, count: usize) -> Result<&'a mut [T], Failure> {
     check(name, pointer, count)?;
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     Ok(unsafe { slice::from_raw_parts_mut(pointer, count) })
 }
 
 /// # Safety
-/// `points` is NULL or points to lists that are NULL or as long as their counts say.
+/// `points` is NULL or points to lists that are NULL or as long as their counts.
 unsafe fn point_list<'a>(points: *const HeadtailPoints) -> Result<PointList<'a>, Failure> {
-    // SAFETY: as the caller promises.
+    // SAFETY: guaranteed by the caller.
     unsafe {
         let [points] = list("points", points, 1)? else { unreachable!("a list of one") };
         let wo = if points.wo.is_null() { &[] } else { list("wo", points.wo.cast(), points.wo_count)? };

@@ -1,4 +1,4 @@
-//! How calls end: a code, and a sentence for the thread that called.
+//! The results of calls: a code, and an error message for the calling thread.
 
 use std::{
     any::Any,
@@ -7,25 +7,25 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
-/// How a call ended.
+/// The result of a call.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeadtailStatus {
-    /// All is well.
+    /// The call succeeded.
     Ok = 0,
-    /// An argument or the content of a file cannot be used.
+    /// An argument or the content of a file is invalid.
     Invalid = 1,
-    /// The system refused to read a file.
+    /// A file cannot be read.
     Io = 2,
-    /// A fault of the library itself. Objects stay usable.
+    /// An internal error of the library. Objects stay usable.
     Internal = 3,
 }
 
-/// A code with its sentence.
+/// A code with its error message.
 pub struct Failure(HeadtailStatus, String);
 
 impl Failure {
-    /// An argument that cannot be used.
+    /// Returns the failure of an invalid argument.
     pub fn argument(sentence: impl Into<String>) -> Self {
         Self(HeadtailStatus::Invalid, sentence.into())
     }
@@ -42,19 +42,19 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// The sentence of the last call of this thread that failed; it stays until the next failure.
+/// Returns the message of this thread's last failed call; it stays until the next failure.
 pub fn last() -> *const std::ffi::c_char {
     LAST.with_borrow(|sentence| sentence.as_ptr())
 }
 
-/// Runs the body of a call: failures become codes, and no panic leaves it.
+/// Runs the body of a call: failures become codes, and panics are caught.
 pub fn call(body: impl FnOnce() -> Result<(), Failure>) -> HeadtailStatus {
     let Failure(status, sentence) = match catch_unwind(AssertUnwindSafe(body)) {
         Ok(Ok(())) => return HeadtailStatus::Ok,
         Ok(Err(failure)) => failure,
         Err(panic) => Failure(HeadtailStatus::Internal, format!("the library failed: {}", message(&*panic))),
     };
-    // A zero byte would end the text early.
+    // A zero byte would truncate the message.
     let sentence = CString::new(sentence.replace('\0', " ")).unwrap_or_default();
     LAST.with_borrow_mut(|last| *last = sentence);
     status
@@ -71,7 +71,7 @@ mod tests {
     #[test]
     fn a_panic_becomes_a_code_with_its_message() {
         assert_eq!(call(|| panic!("on purpose")), HeadtailStatus::Internal);
-        // SAFETY: the text of this thread, which no call changes meanwhile.
+        // SAFETY: the message of this thread, which no call changes meanwhile.
         let text = unsafe { std::ffi::CStr::from_ptr(last()) };
         assert_eq!(text.to_str(), Ok("the library failed: on purpose"));
     }

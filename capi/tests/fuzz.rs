@@ -1,4 +1,5 @@
-//! Thousands of calls with arguments of chance: each ends with a code and, where that is not OK, with a sentence. Nothing is written behind a list.
+//! Thousands of calls with random arguments: each ends with a code and, unless it is OK, with a message.
+//! Nothing is written beyond a list.
 
 use std::{
     ffi::{CStr, CString, c_char},
@@ -9,9 +10,9 @@ use std::{
 use headtail_c::*;
 use headtail_sampling::random::{Purpose, Stream};
 
-/// Entries of every list; calls promise at most as many.
+/// Entries of every list; calls claim at most as many, or more than any machine has.
 const ROOM: usize = 40;
-/// What lists for results hold behind what a call may write.
+/// Sentinel in result lists beyond the entries that a call may write.
 const UNTOUCHED: f32 = 12345.0;
 const NUMBERS: [f32; 14] = [
     0.0,
@@ -30,14 +31,14 @@ const NUMBERS: [f32; 14] = [
     2.0,
 ];
 
-/// Calls of chance, and what they have opened.
+/// Random calls, and the objects that they have opened.
 struct Caller {
     random: Stream,
     files: Vec<PathBuf>,
     environments: Vec<HeadtailHandle>,
     samplers: Vec<HeadtailHandle>,
     closed: Vec<HeadtailHandle>,
-    /// How many calls ended with each code.
+    /// Number of calls that ended with each code.
     ends: [usize; 4],
 }
 
@@ -54,7 +55,7 @@ impl Caller {
         if list.is_empty() { None } else { Some(list[self.below(list.len())]) }
     }
 
-    /// A handle: mostly of the right kind.
+    /// Returns a handle, mostly of the right kind.
     fn handle(&mut self, is_sampler: bool) -> HeadtailHandle {
         let wrong = self.one_in(6);
         let list = match self.below(4) {
@@ -66,7 +67,8 @@ impl Caller {
         self.one_of(&list).unwrap_or(0)
     }
 
-    /// Numbers for a list of `width` numbers to an entry: unit vectors and numbers of [0, 1) mostly, some with a number that cannot be.
+    /// Returns numbers for a list with `width` numbers per entry: mostly unit vectors and numbers in [0, 1),
+    /// some with an invalid number.
     fn list(&mut self, width: usize) -> Vec<f32> {
         let mut list = Vec::with_capacity(ROOM * width);
         for _ in 0..ROOM {
@@ -82,7 +84,7 @@ impl Caller {
         list
     }
 
-    /// How many entries a call claims: what there is, or more than any machine has.
+    /// Returns the number of entries that a call claims: the actual one, or more than any machine has.
     fn count(&mut self) -> usize {
         match self.below(12) {
             0 => 0,
@@ -93,7 +95,7 @@ impl Caller {
         }
     }
 
-    /// The beginning of a list, or what is none.
+    /// Returns the start of a list, or an invalid pointer.
     fn start(&mut self, list: &[f32]) -> *const f32 {
         match self.below(20) {
             0 => null(),
@@ -116,10 +118,10 @@ impl Caller {
         CString::new(bytes).ok()
     }
 
-    /// A call has ended.
+    /// Counts and checks the end of a call; returns whether it succeeded.
     fn ended(&mut self, what: &str, status: HeadtailStatus) -> bool {
         self.ends[status as usize] += 1;
-        // SAFETY: the text of this thread, which no other call has changed yet.
+        // SAFETY: the message of this thread, unchanged since the call.
         let sentence = unsafe { CStr::from_ptr(headtail_last_error()) }.to_str().unwrap();
         assert_ne!(status, HeadtailStatus::Internal, "{what}: {sentence}");
         let is_ok = status == HeadtailStatus::Ok;
@@ -174,7 +176,7 @@ impl Caller {
             (width, height) = if self.one_in(2) { (most, 1 << 30) } else { (0, most) };
         }
         let texels = self.start(&list);
-        // SAFETY: there are as many texels as is said, or a number that is refused.
+        // SAFETY: the list has width * height texels, or the size is rejected.
         let status = unsafe { headtail_environment_from_texels(width, height, texels, &mut handle) };
         if self.ended("texels", status) {
             self.environments.push(handle);
@@ -186,7 +188,7 @@ impl Caller {
         let capacity = self.below(text.len());
         let buffer = if self.one_in(10) { null_mut() } else { text.as_mut_ptr() };
         let out = if self.one_in(4) { null_mut() } else { &raw mut length };
-        // SAFETY: the buffer has the room that is said.
+        // SAFETY: the buffer has the given capacity.
         let status = unsafe { headtail_sampler_describe(handle, buffer, capacity, out) };
         if self.ended("describe", status) {
             assert!(text[capacity..].iter().all(|byte| *byte == 0x55));
@@ -222,7 +224,8 @@ impl Caller {
         let [wi, pdf, radiance] =
             out.each_mut().map(|list| if self.one_in(20) { null_mut() } else { list.as_mut_ptr() });
         let evaluates = self.one_in(3);
-        // SAFETY: lists have room for as many entries as is said, or are NULL or crooked, or claim more than is taken.
+        // SAFETY: lists have room for the given counts, or are NULL or misaligned, or claim more than is
+        // accepted.
         let status = unsafe {
             if evaluates {
                 headtail_sampler_pdf(sampler, points, count, given, pdf)
@@ -250,7 +253,7 @@ impl Caller {
     }
 }
 
-/// A table's file, what is left of it when it is cut or a byte of it is changed, and a folder.
+/// Returns a table's file, truncated and modified copies of it, and a folder.
 fn files(folder: &Path) -> Vec<PathBuf> {
     use headtail_sampling::{bake, environment::Environment, export, tail};
     let map = Environment::open("overcast").unwrap();
@@ -280,7 +283,7 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn calls_of_chance_end_with_a_code_and_a_sentence() {
+fn random_calls_end_with_a_code_and_a_message() {
     let folder = tempfile::tempdir().unwrap();
     let calls = std::env::var("HEADTAIL_FUZZ_INPUTS").ok().and_then(|count| count.parse().ok()).unwrap_or(6000);
     let mut caller = Caller {
@@ -297,7 +300,7 @@ fn calls_of_chance_end_with_a_code_and_a_sentence() {
             2 => caller.texels(),
             3 | 4 => caller.describes(),
             5 => caller.closes(),
-            // Objects are few: what is opened is many megabytes.
+            // Few objects are open at a time: each takes many megabytes.
             _ if caller.environments.len() + caller.samplers.len() > 24 => caller.closes(),
             _ => caller.draws(),
         }
@@ -305,6 +308,6 @@ fn calls_of_chance_end_with_a_code_and_a_sentence() {
             println!("{} calls, ends {:?}", call + 1, caller.ends);
         }
     }
-    // Neither all refused nor all taken.
+    // Neither all rejected nor all accepted.
     assert!(caller.ends[0] > calls / 10 && caller.ends[1] > calls / 10, "{:?}", caller.ends);
 }

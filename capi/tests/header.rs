@@ -1,9 +1,9 @@
-//! The header is that of the code.
+//! The header matches the code.
 
 use std::path::Path;
 
 #[test]
-fn the_header_is_what_the_code_says() {
+fn the_header_matches_the_code() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let config = cbindgen::Config::from_file(folder.join("cbindgen.toml")).unwrap();
     let sources = ["src/lib.rs", "src/status.rs"].map(|file| folder.join(file));

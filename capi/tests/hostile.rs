@@ -1,4 +1,4 @@
-//! Calls with wrong arguments end with a code and a sentence.
+//! Calls with invalid arguments end with a code and a message.
 
 use std::{
     ffi::{CStr, CString, c_char},
@@ -15,7 +15,7 @@ use headtail_sampling::{
 };
 
 fn error() -> String {
-    // SAFETY: the text of this thread, copied before the next call.
+    // SAFETY: the message of this thread, copied before the next call.
     unsafe { CStr::from_ptr(headtail_last_error()) }.to_str().unwrap().to_owned()
 }
 
@@ -52,13 +52,13 @@ fn points(n: &[[f32; 3]]) -> HeadtailPoints {
 }
 
 #[test]
-fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
+fn samples_match_the_batch_and_their_pdfs_agree() {
     let map = environment("studio");
     let sampler = patches(map);
     assert_eq!(headtail_close(map), HeadtailStatus::Ok);
     let (mut wi, mut pdf, mut radiance, mut again) = ([[0.0_f32; 3]; 100], [0.0; 100], [[0.0_f32; 3]; 100], [0.0; 100]);
     let at = points(&[UP]);
-    // SAFETY: lists are as long as is said.
+    // SAFETY: lists have the given lengths.
     unsafe {
         let [wi, light] = [wi.as_flattened_mut().as_mut_ptr(), radiance.as_flattened_mut().as_mut_ptr()];
         let status = headtail_sampler_sample(sampler, &at, 100, null(), 7, wi, pdf.as_mut_ptr(), light);
@@ -75,7 +75,7 @@ fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
     assert!(wi == own_wi && pdf == own_pdf && radiance == own_radiance);
     assert!(radiance.as_flattened().iter().any(|value| *value > 0.0));
     let (mut text, mut length) = ([0 as c_char; 12], 0);
-    // SAFETY: the buffer has the room that is said.
+    // SAFETY: the buffer has the given capacity.
     unsafe {
         assert_eq!(headtail_sampler_describe(sampler, text.as_mut_ptr(), text.len(), &mut length), HeadtailStatus::Ok);
         assert_eq!(CStr::from_ptr(text.as_ptr()).to_str(), Ok("{\"sampler\":"));
@@ -84,12 +84,12 @@ fn draws_are_those_of_the_batch_and_their_pdfs_are_found_again() {
 }
 
 #[test]
-fn closed_handles_and_wrong_ones_are_errors() {
+fn closed_and_invalid_handles_are_errors() {
     let map = environment("overcast");
     let sampler = patches(map);
     let (mut handle, mut wi, mut pdf) = (1, [0.0; 3], [0.0; 1]);
     let mut draw = |handle, at: *const HeadtailPoints, wi_out: *mut f32| {
-        // SAFETY: lists are as long as is said, or NULL.
+        // SAFETY: lists have the given lengths, or are NULL.
         unsafe { headtail_sampler_sample(handle, at, 1, null(), 0, wi_out, pdf.as_mut_ptr(), null_mut()) }
     };
     let at = points(&[UP]);
@@ -131,7 +131,7 @@ fn closed_handles_and_wrong_ones_are_errors() {
 }
 
 #[test]
-fn a_sampler_may_be_closed_while_others_draw() {
+fn a_sampler_may_be_closed_while_other_threads_sample() {
     let map = environment("overcast");
     let sampler = patches(map);
     thread::scope(|scope| {
@@ -140,7 +140,7 @@ fn a_sampler_may_be_closed_while_others_draw() {
                 let (mut wi, mut pdf) = (vec![0.0; 3 * 5000], vec![0.0; 5000]);
                 loop {
                     let at = points(&[UP]);
-                    // SAFETY: lists are as long as is said.
+                    // SAFETY: lists have the given lengths.
                     let status = unsafe {
                         headtail_sampler_sample(
                             sampler,

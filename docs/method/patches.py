@@ -1,6 +1,6 @@
 """The density of `patches`, from docs/method/patches.md alone: `Patches(map).pdf(n, wo, wi, alpha)`.
 
-Slow and short, in double precision, with numpy. It draws nothing: what is drawn has this density."""
+Short and slow, in double precision, with numpy. It evaluates the density without sampling."""
 
 import heapq
 
@@ -10,19 +10,20 @@ CLUSTERS, PARTS, NARROW = 32, 16, 0.3
 
 
 def directions(u, v):
-    """Unit directions of points of the map: u from 0 to 1 around, v from 0 (up) to 1 (down)."""
+    """Returns unit directions of points of the map: u from 0 to 1 around, v from 0 (up) to 1 (down)."""
     phi, theta = 2 * np.pi * u, np.pi * v
     return np.stack([np.sin(phi) * np.sin(theta), np.cos(theta) + 0 * u, -np.cos(phi) * np.sin(theta)], -1)
 
 
 class Light:
-    """Points of the map with their shares of its light, and sums over rectangles (node = column, row, width, height)."""
+    """Points of the map with their fractions of its light, and sums over rectangles (node = column, row,
+    width, height)."""
 
     def __init__(self, radiance):
         height, width = radiance.shape[:2]
         self.columns, self.rows = width, height - 1
         step = np.pi / self.rows
-        # The sine of a row of texels, averaged with the weight of a bilinear filter.
+        # The sine over a row of texels, averaged with the weight of a bilinear filter.
         sines = np.sin(np.arange(height) * step) * (2 - 2 * np.cos(step)) / step**2
         sines[[0, -1]] = 2 * (1 - np.sin(step) / step) / step
         nodes = radiance @ [0.2126, 0.7152, 0.0722] * sines[:, None]
@@ -47,7 +48,7 @@ class Light:
         self.root = (0, 0, bits(width), bits(self.rows))
 
     def density(self, u, v):
-        """The density of light x sine over the map, bilinear between texels."""
+        """Returns the density of light x sine over the map, bilinear between texels."""
         x, y = (u * self.columns - 0.5) % self.columns, np.clip(v * self.rows, 0, self.rows)
         i, j = np.minimum(x.astype(int), self.columns - 1), np.minimum(y.astype(int), self.rows - 1)
         s, t = x - i, y - j
@@ -100,7 +101,7 @@ class Patches:
             self.small[:] = False
 
     def cosines(self, node, levels):
-        """Light of a node that falls on each normal, and the same with squared cosines."""
+        """Returns a node's light on each normal, and the same with squared cosines."""
         nodes = [node]
         for _ in range(levels):
             nodes = [half for n in nodes for half in (halves(n) if n[2] * n[3] > 1 else [n])]
@@ -118,7 +119,7 @@ class Patches:
         return m[0] * np.trace(covariance(m))
 
     def divide(self, start, count, gain):
-        """The best `count` nodes by a gain, greedily."""
+        """Selects the best `count` nodes by a gain, greedily."""
         entry = lambda node: (-gain(node) if node[2] * node[3] > 1 else 0.0, node)
         heap = [entry(start)]
         while len(heap) < count and heap[0][0] < 0:
@@ -139,7 +140,7 @@ class Patches:
         return variance(cluster) < 1e-3 or (variance(cluster) < 2e-3 and variance(core) < 2e-4)
 
     def mass(self, node, n, wo, alpha, leaf):
-        """What a surface reflects of a node's light, up to a factor."""
+        """Returns a node's light reflected by a surface, up to a factor."""
         m, points = self.light.moments(node), self.light.points(node)
         s, three = m[1:4] / m[0], 3 * covariance(m)
         d = points - s
@@ -163,7 +164,7 @@ class Patches:
         w, cos_i, cos_o = w * scale, np.clip(0.5 * (top + bottom) * scale, 1e-4, 1), max(n @ wo, 1e-4)
         cos = min(wo @ w, 1 - 1e-6)
         half = max(0.5 + 0.5 * cos, 1e-3)
-        # One over the squared cosine of half the angle, and over the squared sine of the whole.
+        # 1 / cos^2 of half the angle, and 1 / sin^2 of the full angle.
         per_half, per_sine = 1 / half, 0.5 / (half * (1 - cos))
         cos_h = min((cos_i + cos_o) ** 2 / (4 * half), 1)
         across = np.cross(wo, w)
@@ -179,7 +180,7 @@ class Patches:
         return m[0] * share * (along * over) ** 1.5 * cos_i / (np.pi * scaled**2 * shadowing)
 
     def shares(self, n, wo, alpha):
-        """The probabilities of clusters, and the share of samples beside BRDF sampling."""
+        """Returns the probabilities of clusters, and the selection probability beside BRDF sampling."""
         masses = np.array([self.mass(c, n, wo, alpha, leaf=False) for c in self.clusters])
         share = 1.0
         if alpha is not None and masses.sum() > 0:
@@ -200,7 +201,8 @@ class Patches:
         return masses / max(masses.sum(), 1e-300), share
 
     def pdf(self, n, wo, wi, alpha=None):
-        """The density over solid angle of directions [count, 3], in 1/sr: of a diffuse surface, or a rough mirror of width `alpha`."""
+        """Returns the solid-angle density of directions [count, 3] in 1/sr, for a diffuse surface or a rough
+        mirror of width `alpha`."""
         of_clusters, share = self.shares(n, wo, alpha)
         u = np.arctan2(wi[:, 0], -wi[:, 2]) / (2 * np.pi) % 1
         v = np.arctan2(np.hypot(wi[:, 0], wi[:, 2]), wi[:, 1]) / np.pi
@@ -228,7 +230,7 @@ class Patches:
 
     @staticmethod
     def brdf_pdf(n, wo, wi, alpha):
-        """Visible normals of the Trowbridge-Reitz distribution."""
+        """Returns the pdf of sampling visible normals of the Trowbridge-Reitz distribution."""
         h = wi + wo
         h /= np.linalg.norm(h, axis=1, keepdims=True)
         cos_h, cos_o = h @ n, n @ wo

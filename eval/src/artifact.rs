@@ -1,4 +1,4 @@
-//! Files that samplers read: made by commands of `headtail`, whose time counts as preparation.
+//! Files that samplers read: written by commands of `headtail`, whose time counts as preparation.
 
 use std::{
     path::{Path, PathBuf},
@@ -11,11 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result, ViewSettings};
 
-/// How a file is made.
+/// Recipe for a file.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Artifact {
-    /// Its name, as samplers write it in braces.
+    /// Name, which samplers write in braces.
     pub name: String,
     /// Arguments of `headtail`, in which `{env}`, `{view}` (scene, camera, size, material) and `{out}` are replaced.
     pub command: String,
@@ -25,7 +25,8 @@ pub struct Artifact {
 }
 
 impl Artifact {
-    /// The file for a view and the seconds that it took: made now, or before with the same command.
+    /// Returns the file for a view and the seconds that it took; it is made unless an earlier run of the same
+    /// command left it.
     ///
     /// # Errors
     /// If the program cannot be started or fails.

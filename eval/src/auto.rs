@@ -1,9 +1,11 @@
-//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis-comp` by a pilot rendering that is no part of the picture.
+//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis-comp` by a pilot rendering, which is not
+//! part of the picture.
 //!
-//! Each candidate renders the same small picture twice, with points of its own. Half the squared difference of the two estimates the candidate's error;
-//! its efficiency is one over error x cost. Costs are not timed but taken from [`COSTS`], so that the choice for a budget of samples depends on
-//! the view and the number of samples alone. For a budget of seconds, the clock also decides how many samples the pilot takes. After the choice the
-//! sampler is fixed: the picture is as unbiased as by either candidate.
+//! Each candidate renders the same small picture twice, with its own points. Half the squared difference of
+//! the two estimates the candidate's error; its efficiency is 1 / (error x cost). Costs are not timed but
+//! taken from [`COSTS`], so that the choice for a budget of samples depends on the view and the number of
+//! samples alone. For a budget of seconds, the clock also determines the samples of the pilot. The sampler is
+//! fixed after the choice, so the picture is as unbiased as with either candidate.
 
 use std::{sync::atomic::AtomicBool, time::Instant};
 
@@ -16,30 +18,31 @@ use headtail_render::{
 
 use crate::{Budget, OpenedView, Result};
 
-/// Directions of candidates that split.
+/// Directions per split of the candidates.
 const DIRECTIONS: u32 = 4;
 /// The largest fraction of a budget that a pilot takes.
 const FRACTION: f64 = 0.03;
-/// The pilot's picture has one pixel for so many of the picture's along each side.
+/// Picture pixels per pilot pixel, along each side.
 const COARSENESS: usize = 8;
-/// Samples per pixel of the pilot: the most that fit. With 2, fireflies decide too often; 16 decide hardly better than 8.
+/// Samples per pixel of the pilot; the most that fit are taken. With 2, fireflies decide too often; 16 decide
+/// hardly better than 8.
 const SAMPLES: [u32; 2] = [8, 4];
-/// The pilot's seeds, which users' seeds have no reason to be.
+/// Seeds of the pilot, which users are unlikely to choose.
 const SEEDS: [u64; 2] = [0x7069_6c6f_7431, 0x7069_6c6f_7432];
-/// The fraction of pixels with the greatest differences that is left out: a single one would decide.
+/// Fraction of pixels with the greatest differences that is excluded, so that no single pixel decides.
 const TRIMMED: f64 = 0.01;
-/// How much better the second candidate must seem than the first, which is the better one in most views.
+/// Factor by which the second candidate must seem better than the first, which is better in most views.
 const MARGIN: f64 = 1.04;
-/// The cost to prepare the second candidate, in samples of `mis` per texel of the map.
+/// Cost of preparing the second candidate, in samples of `mis` per texel of the map.
 const PREPARATION: f64 = 0.3;
-/// Seconds of one thread for a sample of `mis`: it turns a budget of seconds into samples before anything was timed.
+/// Thread-seconds per sample of `mis`: converts a budget of seconds into samples before anything is timed.
 const SECONDS_PER_SAMPLE: f64 = 2.6e-7;
-/// Samples of `mis` that take as long as a point that visibility is learned from.
+/// Cost of a point of visibility training, in samples of `mis`.
 const LEARNED_POINT: f64 = 8.0;
-/// The width below which lobes of GGX are narrow.
+/// GGX width below which lobes are narrow.
 const NARROW: f32 = 0.2;
 
-/// What surfaces are like, by what a sample on them costs.
+/// Kind of surface, by the cost of a sample on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SurfaceClass {
     Diffuse,
@@ -49,8 +52,8 @@ enum SurfaceClass {
     Other,
 }
 
-/// The time of a sample over that of one of `mis` on the same surfaces: medians of the measurements of `results/equal-time.csv`, by surface, for
-/// `split:4:patches+vis` and `split:4:mis-comp`.
+/// Time of a sample relative to one of `mis` on the same surfaces, for `split:4:patches+vis` and
+/// `split:4:mis-comp`: medians of `results/equal-time.csv` by surface.
 const COSTS: [(SurfaceClass, [f64; 2]); 5] = [
     (SurfaceClass::Diffuse, [3.3, 2.4]),
     (SurfaceClass::Glossy, [4.1, 2.4]),
@@ -59,26 +62,27 @@ const COSTS: [(SurfaceClass, [f64; 2]); 5] = [
     (SurfaceClass::Other, [9.0, 2.6]),
 ];
 
-/// What a candidate did in the pilot.
+/// Result of a candidate in the pilot.
 #[derive(Clone, Debug)]
 pub struct Trial {
-    /// Its SPEC.
+    /// SPEC of the candidate.
     pub spec: SamplerSpec,
     /// Mean squared error of the pilot's picture, without its worst pixels.
     pub error: f64,
-    /// The time of a sample over that of one of `mis`.
+    /// Time of a sample relative to one of `mis`.
     pub cost: f64,
 }
 
-/// The sampler of a view.
+/// The sampler chosen for a view.
 pub struct Choice {
-    /// What was chosen; a picture that is rendered with it is the same to the bit.
+    /// The chosen SPEC; rendering with it gives the same picture to the bit.
     pub spec: SamplerSpec,
-    /// What renders.
+    /// Estimator of the chosen SPEC.
     pub estimator: Box<dyn Estimator>,
-    /// The pilot, the first candidate first; empty where the budget is too small for one, so that a fixed rule decided.
+    /// Pilot results, the first candidate first; empty if the budget is too small for a pilot and a fixed
+    /// rule decided.
     pub trials: Vec<Trial>,
-    /// Seconds that the choice and the preparation took.
+    /// Seconds of choice and preparation.
     pub seconds: f64,
 }
 
@@ -95,7 +99,7 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let small = view.resized(COARSENESS);
     let pixels = (small.view().width * small.view().height) as f64;
     let texels = (view.environment.width() * view.environment.height()) as f64;
-    // Samples of `mis` that a pilot takes.
+    // Cost of a pilot in samples of `mis`.
     let pilot_cost = |samples: u32| 2.0 * f64::from(samples) * pixels * (costs[0] + costs[1]) + PREPARATION * texels;
     let affordable = |seconds_per_sample: f64| {
         let most = FRACTION * samples_of(view, budget, seconds_per_sample);
@@ -108,7 +112,7 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     if affordable(SECONDS_PER_SAMPLE).is_none() {
         return by_rule(patches);
     }
-    // The pilot is too small to learn as much as the picture will.
+    // Larger than the pilot, which has too few pixels to match the training of the picture.
     let learning = view.resized(COARSENESS / 2);
     let begun = Instant::now();
     let learned = learn_visibility(learning.view(), &patches, None, (1, SEEDS[0]), stop, &|_| {});
@@ -131,15 +135,15 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     Ok(Choice { spec: trials[chosen].spec.clone(), estimator, trials, seconds: start.elapsed().as_secs_f64() })
 }
 
-/// The number of the most efficient candidate; of the first one, unless another is better by a margin.
+/// Returns the index of the most efficient candidate: the first one, unless another is better by [`MARGIN`].
 fn best_of(trials: &[Trial]) -> usize {
     let price = |k: usize| trials[k].error * trials[k].cost * if k == 0 { 1.0 } else { MARGIN };
     let best = (0..trials.len()).min_by(|&a, &b| price(a).total_cmp(&price(b)));
-    // Where the camera sees nothing lit, nothing was learned.
+    // Error 0: the camera sees nothing lit, and the pilot says nothing.
     best.filter(|_| trials[0].error > 0.0).unwrap_or(0)
 }
 
-/// A budget in samples of `mis` over all pixels; `seconds_per_sample` is the time of one thread.
+/// Converts a budget to samples of `mis` over all pixels; `seconds_per_sample` is the time of one thread.
 fn samples_of(view: &OpenedView, budget: Budget, seconds_per_sample: f64) -> f64 {
     let part = view.part();
     match budget {
@@ -148,7 +152,7 @@ fn samples_of(view: &OpenedView, budget: Budget, seconds_per_sample: f64) -> f64
     }
 }
 
-/// Which share of what the camera sees is of each class.
+/// Returns the fraction of visible surface in each class.
 fn classes(view: &OpenedView) -> [f64; COSTS.len()] {
     let small = view.resized(4 * COARSENESS);
     let (seen, mut counts) = (small.view(), [0.0; COSTS.len()]);
@@ -161,14 +165,14 @@ fn classes(view: &OpenedView) -> [f64; COSTS.len()] {
         }
     }
     let all: f64 = counts.iter().sum();
-    // Nothing to see costs nothing, whatever it is.
+    // Without visible surfaces, the class does not matter.
     if all == 0.0 { [1.0, 0.0, 0.0, 0.0, 0.0] } else { counts.map(|count| count / all) }
 }
 
 fn class_of(surface: &Surface) -> SurfaceClass {
     match surface.brdf {
         BrdfTable::LAMBERT => SurfaceClass::Diffuse,
-        // Its first parameter is the width.
+        // The first parameter is the width.
         BrdfTable::GGX if surface.parameters[0] < NARROW => SurfaceClass::Narrow,
         BrdfTable::GGX => SurfaceClass::Glossy,
         BrdfTable::METALLIC_ROUGHNESS => SurfaceClass::MetallicRoughness,
@@ -176,7 +180,7 @@ fn class_of(surface: &Surface) -> SurfaceClass {
     }
 }
 
-/// Half the mean squared difference of two pilots, without the worst pixels.
+/// Returns half the mean squared difference of two pilots, without the worst pixels.
 fn error(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &AtomicBool) -> f64 {
     let budget = Budget::Samples(samples);
     let [a, b]: [Rendering; 2] =
@@ -201,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn the_choice_depends_on_nothing_but_view_and_samples() {
+    fn choice_depends_only_on_view_and_samples() {
         let view = opened("dishes", "studio", Some("lambert"));
         let choice = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -221,9 +225,9 @@ mod tests {
         assert!(choice.trials.is_empty() && choice.spec.to_string() == "split:4:patches+vis");
     }
 
-    /// The table of costs is what was measured.
+    /// [`COSTS`] match the measurements.
     #[test]
-    fn costs_are_those_of_the_data() {
+    fn costs_match_the_measurements() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../results/equal-time.csv");
         let Ok(text) = std::fs::read_to_string(path) else { return };
         let mut lines = text.lines();

@@ -1,4 +1,4 @@
-//! What one rendering may take.
+//! The budget of one rendering.
 
 use std::{fmt, str::FromStr, time::Duration};
 
@@ -14,7 +14,7 @@ pub enum Budget {
 }
 
 impl Budget {
-    /// The seconds of a budget of time.
+    /// Returns the seconds of a budget of time.
     pub fn seconds(self) -> Option<f64> {
         match self {
             Self::Samples(_) => None,

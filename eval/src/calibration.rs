@@ -1,29 +1,30 @@
-//! How many samples per pixel fit into a time.
+//! Number of samples per pixel that fit into a time.
 
 use crate::Budget;
 
-/// Renderings that determine the samples of a time, at most.
+/// Maximum number of renderings per calibration.
 const MOST_RENDERINGS: usize = 4;
-/// By which factor a rendering's time may be off.
+/// Factor by which a rendering's time may differ from the target.
 pub const TOLERANCE: f64 = 1.15;
 
-/// The samples that fit into a time.
+/// Samples that fit into a time.
 #[derive(Debug, PartialEq)]
 pub struct Calibration {
     /// Samples per pixel, at least 1.
     pub samples: u32,
-    /// Seconds of the last rendering if even that was off by more than [`TOLERANCE`].
+    /// Seconds of the last rendering if it is off by more than [`TOLERANCE`].
     pub off: Option<f64>,
 }
 
-/// Finds the samples per pixel that fit into so many seconds: a rendering of a quarter of the time gives an estimate, one with that many samples corrects
-/// it, and is repeated while it is off. `render` returns samples and seconds of a rendering, or `None` after an interruption.
+/// Finds the samples per pixel that fit into `seconds`: a rendering of 1/4 of the time gives an
+/// estimate; a rendering with that number of samples corrects it, and is repeated while it is off. `render`
+/// returns samples and seconds of a rendering, or `None` after an interruption.
 ///
 /// All runs of a sampler then take the same number of samples, whatever else the machine does.
 pub fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f64)>) -> Option<Calibration> {
     let mut trial = Budget::Seconds(0.25 * seconds);
     let mut found = Calibration { samples: 1, off: None };
-    // A long rendering is faster per sample than a short one: its passes are longer.
+    // Long renderings are faster per sample than short ones: their passes are longer.
     for _ in 0..MOST_RENDERINGS {
         let (samples, taken) = render(trial)?;
         found.samples = (f64::from(samples) * seconds / taken).round().max(1.0) as u32;
@@ -43,7 +44,8 @@ pub fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f6
 mod tests {
     use super::*;
 
-    /// Calibrates on a machine whose renderings take these seconds for a sample, the last ones for all that follow; returns the number of renderings, too.
+    /// Calibrates on a machine whose renderings take these seconds per sample (the last value is repeated);
+    /// also returns the number of renderings.
     fn calibrated(seconds_per_sample: &[f64]) -> (Calibration, usize) {
         let mut renderings = 0;
         let found = calibrate(2.0, |trial| {
@@ -62,10 +64,10 @@ mod tests {
     fn renderings_that_are_off_are_repeated_and_reported() {
         let right = |samples| Calibration { samples, off: None };
         assert_eq!(calibrated(&[0.01]), (right(200), 2));
-        // The short rendering is slow for its samples, and the first long one is disturbed.
+        // The short rendering is slow per sample, and the first long one is disturbed.
         assert_eq!(calibrated(&[0.02, 0.01]), (right(200), 3));
         assert_eq!(calibrated(&[0.01, 0.03, 0.01]), (right(200), 4));
-        // A machine that never takes the same time twice.
+        // A machine whose times alternate.
         let (found, renderings) = calibrated(&[0.01, 0.02, 0.01, 0.02]);
         assert!(renderings == MOST_RENDERINGS && found.off.is_some_and(|taken| taken > 2.0 * TOLERANCE), "{found:?}");
         // One sample takes longer than the time.

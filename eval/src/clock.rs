@@ -1,13 +1,13 @@
-//! Time that this process has used.
+//! Processor time of this process.
 
-/// Seconds that all threads of this process have run; `None` where the system does not say.
+/// Returns the processor seconds of all threads of this process; `None` if the system does not report them.
 #[cfg(unix)]
 pub fn processor_seconds() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
 }
 
-/// Seconds that all threads of this process have run; `None` where the system does not say.
+/// Returns `None`: processor time is not available on this system.
 #[cfg(not(unix))]
 pub fn processor_seconds() -> Option<f64> {
     None

@@ -1,4 +1,4 @@
-//! What one sampler does over many shading points, in figures: divergences from the product, weights, bias, time.
+//! Statistics of a sampler over many shading points: divergences from the product, weights, bias, time.
 
 use serde::{Deserialize, Serialize};
 use std::{sync::Arc, time::Instant};
@@ -17,57 +17,61 @@ use headtail_render::{
     tile::{ShadingPoint, Tile},
 };
 
-/// Where the pdf is below this share of the target's density, the target counts as uncovered.
+/// The target counts as uncovered where the pdf is below this fraction of its density.
 const UNCOVERED: f64 = 1e-3;
-/// Strata along a side of the square of random numbers, for the share of draws that give no direction.
+/// Strata along a side of the square of random numbers, for the fraction of draws without a direction.
 const LOST_STRATA: usize = 48;
-/// Independent quadratures of each integral: their spread is the error of their mean.
+/// Independent quadratures per integral: their spread gives the error of the mean.
 const REPLICATES: u64 = 4;
-/// Shading points that are timed together, as a renderer's tile.
+/// Shading points that are timed together, like a renderer's tile.
 const TIMED: usize = 256;
 
-/// How much is computed.
+/// Amount of computation.
 #[derive(Clone, Copy, Debug)]
 pub struct DirectionEffort {
     /// Shading points.
     pub conditions: u64,
-    /// Strata along a side of Y, which are also the rows of strata of X, and along a side of BRDF samples.
+    /// Strata along a side of Y, which is also the number of rows of strata of X; and along a side of BRDF
+    /// samples.
     pub strata: (usize, usize),
-    /// Draws for each shading point.
+    /// Draws per shading point.
     pub draws: usize,
 }
 
-/// Means over shading points that see light, for one sampler.
+/// Means over the shading points that see light, for one sampler.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DirectionStatistics {
     /// KL(target || sampler) in nats.
     pub kl: f64,
     /// Chi-square divergence: the relative variance of one sample.
     pub chi_square: f64,
-    /// `|1 - integral of the pdf|`, of the mean over shading points; draws that give no direction count as probability.
+    /// `|1 - integral of the pdf|`, of the mean over shading points; draws without a direction count as
+    /// probability.
     pub integral_error: f64,
-    /// Largest and 99.99th percentile of the weight f / p over its mean, among draws.
+    /// Largest weight f / p among draws, relative to the mean weight.
     pub largest_weight: f64,
-    /// The percentile.
+    /// 99.99th percentile of the weights, likewise.
     pub weight_9999: f64,
-    /// Effective share of the draws, `(sum w)^2 / (n sum w^2)`.
+    /// Effective fraction of the draws, `(sum w)^2 / (n sum w^2)`.
     pub effective: f64,
-    /// Share of the target where the pdf is below a thousandth of it.
+    /// Fraction of the target where the pdf is below 0.1 % of its density.
     pub uncovered: f64,
-    /// Mean of the draws over the integral, minus 1, and half its 95 % interval: the noise of the draws and of the integral.
+    /// Mean of the draws over the integral, minus 1, and half its 95 % interval from the noise of draws and
+    /// integral.
     pub bias: (f64, f64),
     /// Relative variance at each shading point.
     pub variances: Vec<f64>,
-    /// Nanoseconds per sample on one thread, with what depends on the shading point, in tiles of 256 different points.
+    /// Nanoseconds per sample on one thread, including the work per shading point, in tiles of 256 different
+    /// points.
     pub nanoseconds: f64,
 }
 
-/// Shading points with their quadrature, shared by the samplers that are measured.
+/// Shading points with their quadrature, for measuring several samplers.
 pub struct DirectionBench {
     points: Vec<Point>,
     environment: Arc<Environment>,
     effort: DirectionEffort,
-    /// Of the draws.
+    /// Seed of the draws.
     seed: u64,
 }
 
@@ -75,13 +79,13 @@ pub struct DirectionBench {
 struct Point {
     at: ShadingPoint,
     terms: Vec<Term>,
-    /// The integral of the target, the mean of all replicates.
+    /// Integral of the target, the mean of all replicates.
     total: f64,
-    /// Its relative variance.
+    /// Relative variance of `total`.
     error: f64,
 }
 
-/// DirectionStatistics of one shading point.
+/// Statistics of one shading point.
 struct One {
     kl: f64,
     chi_square: f64,
@@ -91,8 +95,8 @@ struct One {
 }
 
 impl DirectionBench {
-    /// Those of the shading points `point(0..effort.conditions)` that see light. `light` has an exact tail of the whole map. Benches of other
-    /// names draw other numbers: they must not share their luck.
+    /// Prepares the shading points `point(0..effort.conditions)` that see light. `light` has an exact tail of
+    /// the whole map. The seed depends on `name`, so that the errors of different benches are independent.
     pub fn new(
         name: &str,
         light: &EnvironmentLight,
@@ -124,12 +128,12 @@ impl DirectionBench {
         Self { points, environment: light.environment().clone(), effort, seed }
     }
 
-    /// How many shading points see light.
+    /// Returns the number of shading points that see light.
     pub fn lit(&self) -> usize {
         self.points.len()
     }
 
-    /// The shading point that reflects the most light; `None` if none sees any.
+    /// Returns the shading point that reflects the most light; `None` if none sees any.
     pub fn brightest(&self) -> Option<ShadingPoint> {
         self.points.iter().max_by(|a, b| a.total.total_cmp(&b.total)).map(|point| point.at)
     }
@@ -171,7 +175,7 @@ impl DirectionBench {
     fn one(&self, sampler: &dyn Sampler, Point { at, terms, total, .. }: &Point, index: u64) -> One {
         let bound = AtPoint::new(sampler, at);
         let (mut kl, mut second, mut integral, mut uncovered) = (0.0, 0.0, 0.0, 0.0);
-        // The divergences are those of one quadrature: its own integral makes its target a density.
+        // Normalised by the integral of the same quadrature, so that the target is a density.
         let own: f64 = terms.iter().map(|term| term.weight * term.f).sum();
         let wi: Vec<Vec3A> = terms.iter().map(|term| term.wi).collect();
         for (&Term { f, weight, .. }, pdf) in terms.iter().zip(bound.pdf_many(&wi)) {
@@ -184,7 +188,7 @@ impl DirectionBench {
                 uncovered += if pdf < UNCOVERED * f / own { share } else { 0.0 };
             }
         }
-        // A draw that gives no direction has its share of the probability: lobes reach below the horizon.
+        // Draws without a direction have probability: lobes reach below the horizon.
         let stratum =
             |k: usize| Vec2::new((k % LOST_STRATA) as f32 + 0.5, (k / LOST_STRATA) as f32 + 0.5) / LOST_STRATA as f32;
         let strata: Vec<Vec2> = (0..LOST_STRATA * LOST_STRATA).map(stratum).collect();
@@ -196,7 +200,8 @@ impl DirectionBench {
         One { kl, chi_square: second - 1.0, integral, uncovered, weights: self.weights(&bound, &drawn, *total) }
     }
 
-    /// Light x BRDF x cosine / pdf of draws, over the integral; 0 where there is no sample.
+    /// Returns light x BRDF x cosine / pdf of draws, relative to the integral; 0 for draws without a
+    /// direction.
     fn weights(&self, bound: &AtPoint<'_>, drawn: &[Option<Direction>], total: f64) -> Vec<f64> {
         let wi: Vec<Vec3A> = drawn.iter().map(|drawn| drawn.map_or(Vec3A::Z, |drawn| drawn.wi)).collect();
         let values = bound.point().brdf_cosines(&wi).into_iter().zip(&wi).zip(drawn);
@@ -231,8 +236,9 @@ impl DirectionBench {
     }
 }
 
-/// The ratio of mean relative variances of a sampler and a baseline at the same shading points, and its 95 % interval over the choice of
-/// shading points (jackknife of its logarithm): `(ratio, low, high)`. The points of the integrals are the same for both.
+/// Returns the ratio of mean relative variances of a sampler and a baseline at the same shading points, with
+/// its 95 % interval over the choice of shading points (jackknife of the logarithm): `(ratio, low, high)`.
+/// The points of the integrals are the same for both.
 pub fn variance_ratio(sampler: &[f64], baseline: &[f64]) -> (f64, f64, f64) {
     let sums = |skip: usize| {
         let sum = |values: &[f64]| values.iter().enumerate().filter(|(k, _)| *k != skip).map(|(_, v)| v).sum::<f64>();

@@ -1,4 +1,4 @@
-//! The measuring loop: every sampler at every budget, run by run, against one reference.
+//! The measuring loop: renders every sampler at every budget, run by run, and compares with one reference.
 
 use std::{
     path::PathBuf,
@@ -22,45 +22,48 @@ use crate::{
     processor_seconds, select,
 };
 
-/// The time of a sampler's sample is measured by a rendering of [`TRIAL`] seconds where a run has so many samples in all of its pixels; else it is about
-/// [`SAMPLE`] seconds.
+/// Samples of a run over all pixels, from which on the time of a sample is measured by a rendering of
+/// [`TRIAL`] seconds; shorter runs assume [`SAMPLE`] seconds.
 const LONG_RUN: f64 = 1e6;
 const TRIAL: f64 = 0.05;
 const SAMPLE: f64 = 3e-7;
-/// Width and height of the tiles whose means are tested, in pixels, and the significance of the test of a picture.
+/// Width and height, in pixels, of the tiles whose means are tested; and the significance of a picture's
+/// test.
 const TILE: usize = 16;
-/// Samples per pixel from which tiles are tested: with fewer, means of a tile that light seldom reaches are far from normal.
+/// Minimum samples per pixel for testing tiles: with fewer, means of tiles that light seldom reaches are far
+/// from normal.
 const TESTED: f64 = 64.0;
 const SIGNIFICANCE: f64 = 0.01;
 
 /// A sampler that is ready to render.
 pub struct Entry {
-    /// Its name in measurements.
+    /// Name in measurements.
     pub name: String,
     /// One estimator for all budgets, or the choice of `auto` for each.
     built: Vec<Built>,
 }
 
-/// An estimator and the seconds of its preparation: its files, and what was built before the first sample.
+/// An estimator and the seconds of its preparation: its files, and the work before the first sample.
 struct Built {
-    /// The budget that it was chosen for; `None` serves all.
+    /// The budget that it was chosen for; `None` for all.
     budget: Option<Budget>,
     estimator: Box<dyn Estimator>,
     seconds: f64,
 }
 
 impl Entry {
-    /// A sampler whose preparation is not counted.
+    /// Wraps an estimator whose preparation is not counted.
     pub fn new(name: impl Into<String>, estimator: Box<dyn Estimator>) -> Self {
         Self::prepared(name, estimator, 0.0)
     }
 
-    /// A sampler and the seconds of its preparation.
+    /// Wraps an estimator and the seconds of its preparation.
     pub fn prepared(name: impl Into<String>, estimator: Box<dyn Estimator>, preparation: f64) -> Self {
         Self { name: name.into(), built: vec![Built { budget: None, estimator, seconds: preparation }] }
     }
 
-    /// A sampler by its SPEC; `auto` is chosen for each budget. `preparation` is what its files took.
+    /// Opens a sampler by its SPEC; `auto` is chosen for each budget. `preparation` is the time of its files
+    /// in seconds.
     ///
     /// # Errors
     /// If it cannot be prepared.
@@ -82,12 +85,17 @@ impl Entry {
         Ok(Self::prepared(name, estimator, preparation + start.elapsed().as_secs_f64()))
     }
 
-    /// The longest preparation for any budget, in seconds.
+    /// Returns the longest preparation for any budget, in seconds.
     pub fn preparation(&self) -> f64 {
         self.built.iter().map(|built| built.seconds).fold(0.0, f64::max)
     }
 
-    /// What renders with a budget, and the seconds of its preparation.
+    /// Returns whether `auto` chose the estimator with the help of a clock, as for budgets of seconds.
+    pub(crate) fn is_chosen_by_clock(&self, budget: Budget) -> bool {
+        matches!(budget, Budget::Seconds(_)) && self.built.iter().any(|built| built.budget == Some(budget))
+    }
+
+    /// Returns the estimator for a budget and the seconds of its preparation.
     pub(crate) fn at(&self, budget: Budget) -> (&dyn Estimator, f64) {
         let built = self.built.iter().find(|built| built.budget.is_none_or(|own| own == budget));
         let built = built.expect("an estimator for every budget that the entry was opened with");
@@ -95,7 +103,7 @@ impl Entry {
     }
 }
 
-/// How much is measured.
+/// What is measured, and how often.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The scene's name in measurements.
@@ -104,38 +112,38 @@ pub struct Plan {
     pub env: String,
     /// The material's name in measurements.
     pub material: String,
-    /// What each run may take.
+    /// Budgets of the runs.
     pub budgets: Vec<Budget>,
     /// Runs of each sampler at each budget.
     pub runs: u32,
     /// Seed of the first run; run `k` has `seed + k`.
     pub seed: u64,
-    /// Where the reference is kept when it is refined.
+    /// Cache folder for the reference after refinement.
     pub cache: Option<PathBuf>,
 }
 
 impl Plan {
-    /// Runs of all samplers.
+    /// Returns the number of runs of all samplers.
     pub fn count(&self, samplers: usize) -> usize {
         self.budgets.len() * samplers * self.runs as usize
     }
 }
 
-/// Observes a measurement as it goes on.
+/// Observes the progress of a measurement.
 pub trait Watch {
-    /// About the seconds that all runs take, before the first one.
+    /// Receives the estimated seconds of all runs, before the first one.
     fn planned(&self, _seconds: f64) {}
-    /// What is being rendered.
+    /// Receives a description of the current rendering.
     fn message(&self, _text: &str) {}
-    /// About the seconds of [`Self::planned`] that are done.
+    /// Receives the estimated part of [`Self::planned`] that is done, in seconds.
     fn spent(&self, _seconds: f64) {}
-    /// Something that limits what the measurements say.
+    /// Receives a caveat about the measurements.
     fn warning(&self, _text: &str) {}
 }
 
 impl Watch for () {}
 
-/// What came of one run.
+/// Result of one run.
 pub struct Run<'a> {
     /// Index of the sampler.
     pub sampler: usize,
@@ -147,12 +155,14 @@ pub struct Run<'a> {
     pub rendering: &'a Rendering,
 }
 
-/// Renders every sampler at every budget and passes each run to `record`. Returns all measurements, or those that are done when `stop` is set; the run that
-/// is being rendered then is finished.
+/// Renders every sampler at every budget and passes each run to `record`. Returns all measurements, or, if
+/// `stop` is set, the completed ones; the current run is finished first.
 ///
-/// The first run of every sampler at every budget comes before the second of any, so that an interrupted measurement has about as many runs of each, and a
-/// machine that slows down for a while slows all samplers down. After the first runs the reference is refined (see [`Reference::refine`]); the errors of the
-/// measurements returned are against the refined one, while `record` has seen those of the first runs against the earlier one.
+/// The first run of every sampler at every budget comes before the second of any, so that an interrupted
+/// measurement has about equally many runs of each, and a temporary slowdown of the machine affects all
+/// samplers. After the first runs the reference is refined (see [`Reference::refine`]); the returned
+/// measurements have errors against the refined one, while `record` receives the first runs with errors
+/// against the earlier one.
 ///
 /// # Errors
 /// If sizes differ, or the error of `record`.
@@ -218,7 +228,7 @@ impl Loop<'_> {
         Ok(())
     }
 
-    /// One run, to its end whatever the stop flag says.
+    /// Performs one run to its end, ignoring the stop flag.
     fn one(
         &mut self,
         sampler: usize,
@@ -233,7 +243,7 @@ impl Loop<'_> {
         let show = |done: f64| self.watch.spent(self.done + done * seconds);
         let never = AtomicBool::new(false);
         let before = processor_seconds();
-        // By the budget that was asked for: points should not depend on the machine.
+        // Uses the requested budget, so that points do not depend on the machine's speed.
         let rendering = self.view.render(entry.at(asked).0, taken, self.view.points(asked, seed), &never, &show);
         let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
         self.done += seconds;
@@ -253,7 +263,7 @@ impl Loop<'_> {
         Ok((rendering, measurement))
     }
 
-    /// Refines the reference by the smallest error of the first runs, and measures these again.
+    /// Refines the reference by the smallest error of the first runs and measures their errors again.
     fn refine(&mut self, reference: &mut Reference, truth: &mut Truth) -> Result<()> {
         let smallest = self.measurements.iter().map(|own| own.mse).fold(f64::INFINITY, f64::min);
         let first = std::mem::take(&mut self.first);
@@ -270,7 +280,8 @@ impl Loop<'_> {
         Ok(())
     }
 
-    /// `[budget][sampler]` about the seconds of a run, by a short rendering with each sampler. Where all is soon done, samples count alike.
+    /// Returns `[budget][sampler]` estimated seconds of a run, by a short rendering with each sampler; if all
+    /// runs are short, every sample counts the same.
     fn seconds_of_runs(&self) -> Vec<Vec<f64>> {
         let pixels = (self.view.part().width * self.view.part().height) as f64;
         let samples = |budget: &Budget| if let Budget::Samples(samples) = budget { f64::from(*samples) } else { 0.0 };
@@ -290,7 +301,7 @@ impl Loop<'_> {
         self.plan.budgets.iter().map(|budget| of_sample.iter().map(|&of| seconds(budget, of)).collect()).collect()
     }
 
-    /// The budget in samples if it is one in time. `None` if the stop flag is set meanwhile.
+    /// Converts a budget of time to samples. `None` if the stop flag is set in the meantime.
     fn calibrated(&self, entry: &Entry, budget: Budget) -> Option<Budget> {
         let Some(seconds) = budget.seconds() else { return Some(budget) };
         self.watch.message(&format!("{}: samples that fit into {seconds} s", entry.name));
@@ -311,7 +322,7 @@ impl Loop<'_> {
     }
 }
 
-/// What pictures are compared with.
+/// The reference in the form that pictures are compared with.
 struct Truth {
     image: Image,
     covered: Vec<bool>,
@@ -330,7 +341,7 @@ impl Truth {
         Ok(self.without_noise(own, pictures[0], rendering.points))
     }
 
-    /// A measurement with the errors of its picture against this reference.
+    /// Recomputes the errors of a measurement against this reference.
     fn errors_of(&self, known: &Measurement, [composite, surfaces]: [&Image; 2]) -> Result<Measurement> {
         let pixels = select(surfaces, &self.covered);
         let metrics = headtail_render::statistics::ErrorMetrics::of(&pixels, &self.selected)?;
@@ -341,7 +352,7 @@ impl Truth {
     }
 
     fn without_noise(&self, own: Measurement, composite: &Image, points: PointSet) -> Measurement {
-        // The test needs pixels that are independent.
+        // The test needs independent pixels.
         let tile_p = match points {
             PointSet::Sobol | PointSet::Independent if own.spp >= TESTED => {
                 let test = compare_images(composite, &self.image, TILE, SIGNIFICANCE);
@@ -418,7 +429,7 @@ mod tests {
         assert!(mse("patches", "4spp") < mse("mis", "4spp") && mse("mis", "64spp") < mse("mis", "4spp"));
         assert!(rows.iter().all(|row| (row.spp < TESTED || row.tile_p > 1e-4)
             && (row.mean_luminance / row.reference_luminance - 1.0).abs() < 0.1));
-        // Seeds alone decide the pictures.
+        // Pictures depend only on the seeds.
         let again = measured(&view, &["mis", "patches"], &plan(vec![Budget::Samples(4)], 1), &AtomicBool::new(false));
         assert_eq!(
             again.iter().map(|row| row.mean_luminance).collect::<Vec<_>>(),

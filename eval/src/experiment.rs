@@ -1,4 +1,4 @@
-//! What is measured: views, samplers, budgets. Read from TOML files, or built as data.
+//! Experiments: views, samplers and budgets. Read from TOML files, or built as data.
 
 use std::path::Path;
 
@@ -11,16 +11,16 @@ use crate::{Artifact, Budget, CameraSettings, Error, Result, ViewSettings};
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Experiment {
-    /// Its name: the stem of its file.
+    /// Name: the stem of its file.
     #[serde(skip)]
     pub name: String,
-    /// What it answers, as a question.
+    /// The question that it answers.
     pub question: String,
     /// Width of pictures in pixels.
     pub width: u32,
     /// Height of pictures in pixels.
     pub height: u32,
-    /// What each run may take: `16spp` or `0.25s`.
+    /// Budgets of the runs: `16spp` or `0.25s`.
     pub budgets: Vec<BudgetEntry>,
     /// Runs of each sampler at each budget.
     pub runs: u32,
@@ -32,13 +32,13 @@ pub struct Experiment {
     /// The points of samples.
     #[serde(default = "Experiment::sobol")]
     pub points: String,
-    /// Surfaces that light may visit; 1 is direct light.
+    /// Maximum number of surfaces on a light path; 1 is direct light.
     #[serde(default = "Experiment::direct_light")]
     pub depth: u32,
     /// Whether shadow rays are left out.
     #[serde(default)]
     pub unshadowed: bool,
-    /// Samples per pixel that references have at least.
+    /// Minimum samples per pixel of references.
     pub reference_samples: u32,
     /// Scenes by name.
     pub scenes: Vec<SceneEntry>,
@@ -46,14 +46,14 @@ pub struct Experiment {
     pub maps: Vec<MapEntry>,
     /// Materials by name.
     pub materials: Vec<MaterialEntry>,
-    /// Which of them are combined.
+    /// Combinations of scenes, maps and materials.
     pub views: Vec<ViewGroup>,
     /// Samplers by name.
     pub samplers: Vec<SamplerEntry>,
-    /// Files that samplers read, and how they are made.
+    /// Files that samplers read, and the commands that make them.
     #[serde(default)]
     pub artifacts: Vec<Artifact>,
-    /// What `run --quick` changes.
+    /// Changes for `run --quick`.
     pub quick: Quick,
 }
 
@@ -76,11 +76,11 @@ impl From<BudgetEntry> for String {
     }
 }
 
-/// The miniature of an experiment.
+/// Miniature of an experiment.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quick {
-    /// Views that are measured; the first ones whose files are there.
+    /// Number of views; the first ones whose files exist.
     pub views: usize,
     /// Width of pictures.
     pub width: u32,
@@ -96,7 +96,7 @@ pub struct Quick {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneEntry {
-    /// Its name in measurements.
+    /// Name in measurements.
     pub name: String,
     /// A built-in scene, or a file below the data folder.
     pub file: String,
@@ -106,12 +106,12 @@ pub struct SceneEntry {
     /// Whether it is an interior.
     #[serde(default)]
     pub interior: bool,
-    /// Whether a setting of the project was chosen by pictures of it.
+    /// Whether a setting of the project was tuned on pictures of it.
     pub tuned: bool,
     /// The camera's position, with `look_at`.
     #[serde(default)]
     pub look_from: Option<[f32; 3]>,
-    /// What it looks at.
+    /// The point that it looks at.
     #[serde(default)]
     pub look_at: Option<[f32; 3]>,
     /// Vertical field of view in degrees.
@@ -123,13 +123,13 @@ pub struct SceneEntry {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MapEntry {
-    /// Its name in measurements.
+    /// Name in measurements.
     pub name: String,
     /// A built-in map, or a file below the data folder.
     pub file: String,
-    /// What kind of light it is, in a word or two.
+    /// Kind of light, in a word or two.
     pub kind: String,
-    /// Whether a setting of the project was chosen by pictures under it.
+    /// Whether a setting of the project was tuned on pictures under it.
     pub tuned: bool,
 }
 
@@ -137,14 +137,14 @@ pub struct MapEntry {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialEntry {
-    /// Its name in measurements.
+    /// Name in measurements.
     pub name: String,
-    /// As `--material` takes it; empty for the scene's own.
+    /// Material as in `--material`; empty for the scene's own.
     #[serde(default)]
     pub spec: String,
 }
 
-/// Views: every scene under every map of every material named.
+/// Views: every combination of the named scenes, maps and materials.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ViewGroup {
@@ -160,23 +160,23 @@ pub struct ViewGroup {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SamplerEntry {
-    /// Its name in measurements.
+    /// Name in measurements.
     pub name: String,
-    /// As `--sampler` takes it; `{NAME}` is the file of an artifact.
+    /// SPEC as in `--sampler`; `{NAME}` is the file of an artifact.
     pub spec: String,
-    /// The only materials that it is measured on; empty for all.
+    /// Materials that it is measured on; empty for all.
     #[serde(default)]
     pub materials: Vec<String>,
 }
 
-/// The names of a view.
+/// Names that identify a view.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct ViewKey {
-    /// Of the scene.
+    /// Scene.
     pub scene: String,
-    /// Of the map.
+    /// Map.
     pub map: String,
-    /// Of the material.
+    /// Material.
     pub material: String,
 }
 
@@ -193,10 +193,10 @@ impl Experiment {
         1
     }
 
-    /// Reads a file; its stem is the experiment's name.
+    /// Reads an experiment from a file; the stem is its name.
     ///
     /// # Errors
-    /// If it cannot be read, a key is unknown, or a name is not that of an entry.
+    /// If it cannot be read, a key is unknown, or a name does not refer to an entry.
     pub fn open(path: &Path) -> Result<Self> {
         let text = file::read_text(path).map_err(|error| Error::file(path, error))?;
         let mut experiment: Self = toml::from_str(&text).map_err(|error| Error::file(path, error.to_string()))?;
@@ -221,7 +221,7 @@ impl Experiment {
         Ok(())
     }
 
-    /// The miniature, which takes seconds.
+    /// Returns the miniature, which takes seconds.
     #[must_use]
     pub fn quickly(mut self) -> Self {
         let Quick { width, height, budgets, runs, .. } = self.quick.clone();
@@ -230,7 +230,7 @@ impl Experiment {
         self
     }
 
-    /// The views, each once, in the order of the file.
+    /// Returns the views, each once, in the order of the file.
     pub fn view_keys(&self) -> Vec<ViewKey> {
         let mut keys = Vec::new();
         for group in &self.views {
@@ -249,30 +249,30 @@ impl Experiment {
         keys
     }
 
-    /// The scene of a name.
+    /// Returns the scene with a name.
     pub fn scene(&self, name: &str) -> Option<&SceneEntry> {
         self.scenes.iter().find(|entry| entry.name == name)
     }
 
-    /// The map of a name.
+    /// Returns the map with a name.
     pub fn map(&self, name: &str) -> Option<&MapEntry> {
         self.maps.iter().find(|entry| entry.name == name)
     }
 
-    /// Whether scene or map of a view was used to choose settings.
+    /// Whether settings were tuned on both the scene and the map of a view.
     pub fn is_tuned(&self, key: &ViewKey) -> bool {
         let scene = self.scene(&key.scene).is_some_and(|entry| entry.tuned);
         scene && self.map(&key.map).is_some_and(|entry| entry.tuned)
     }
 
-    /// The samplers that are measured on a material.
+    /// Returns the samplers that are measured on a material.
     pub fn samplers_for(&self, material: &str) -> impl Iterator<Item = &SamplerEntry> {
         self.samplers
             .iter()
             .filter(move |own| own.materials.is_empty() || own.materials.iter().any(|one| one == material))
     }
 
-    /// A view with its files in a data folder.
+    /// Returns the settings of a view with its files in a data folder.
     ///
     /// # Errors
     /// If the material or the points cannot be parsed, or a name is unknown.
@@ -301,12 +301,12 @@ impl Experiment {
     }
 }
 
-/// A built-in name as it is, a file below the data folder.
+/// Returns a built-in name unchanged, and other names as files below the data folder.
 pub(crate) fn located(name: &str, data: &Path) -> String {
     if name.contains('/') { data.join(name).display().to_string() } else { name.to_owned() }
 }
 
-/// Whether a built-in name or a file is there.
+/// Whether a name is built in or its file exists.
 pub(crate) fn is_there(name: &str, data: &Path) -> bool {
     !name.contains('/') || data.join(name).exists()
 }

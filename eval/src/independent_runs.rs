@@ -1,27 +1,27 @@
-//! The variance of an unbiased sampler from its own pictures, without a reference.
+//! Variance of an unbiased sampler from its own pictures, without a reference.
 
 use headtail_render::image::Image;
 
 use crate::{Budget, OpenedView, TimingBaseline, select};
 
-/// Pictures of a sampler at one number of samples, one for each seed.
+/// Pictures of a sampler at one number of samples, one per seed.
 #[derive(Debug, Default)]
 pub struct IndependentRuns {
     /// Samples per pixel of each picture.
     pub samples: u32,
     pictures: Vec<Image>,
-    /// Seconds of a sample of each picture over those of the baseline around it.
+    /// Time of a sample of each picture relative to the baseline around it.
     ratios: Vec<f64>,
 }
 
 impl IndependentRuns {
-    /// No picture yet, of `samples` samples per pixel.
+    /// Returns no pictures yet, for `samples` samples per pixel.
     pub fn new(samples: u32) -> Self {
         Self { samples, ..Self::default() }
     }
 
-    /// Renders up to `count` pictures of the `covered` pixels; number `k` has seed `k + 1`, for every sampler. Each is timed against the baseline, if there is
-    /// one.
+    /// Renders up to `count` pictures of the `covered` pixels; picture `k` has seed `k + 1` for every
+    /// sampler. Each is timed against the baseline, if there is one.
     pub fn extend(
         &mut self,
         view: &OpenedView,
@@ -45,8 +45,8 @@ impl IndependentRuns {
         }
     }
 
-    /// Times of a sample over those of the baseline, one per picture. Pictures during which another program began or ended are moved to within a factor of
-    /// the median.
+    /// Returns the times of a sample relative to the baseline, one per picture. Outliers, of pictures during
+    /// which another program started or ended, are clamped to within a factor of 1.5 of the median.
     pub fn time_ratios(&self) -> Vec<f64> {
         const FACTOR: f64 = 1.5;
         let mut sorted = self.ratios.clone();
@@ -55,14 +55,15 @@ impl IndependentRuns {
         self.ratios.iter().map(|ratio| ratio.clamp(median / FACTOR, median * FACTOR)).collect()
     }
 
-    /// Their mean; infinite before the first picture.
+    /// Returns the mean of [`Self::time_ratios`]; infinite before the first picture.
     pub fn time_ratio(&self) -> f64 {
         let ratios = self.time_ratios();
         if ratios.is_empty() { f64::INFINITY } else { ratios.iter().sum::<f64>() / ratios.len() as f64 }
     }
 
-    /// The mean squared error of each picture, estimated from the others: samplers are unbiased and seeds independent, so that
-    /// `(x_k - mean of the others)^2` has the expectation `variance * n / (n - 1)`. Empty for fewer than two pictures.
+    /// Returns the mean squared error of each picture, estimated from the others: samplers are unbiased and
+    /// seeds independent, so that `(x_k - mean of the others)^2` has the expectation `variance * n / (n -
+    /// 1)`. Empty for fewer than two pictures.
     pub fn errors(&self) -> Vec<f64> {
         let count = self.pictures.len();
         if count < 2 {
@@ -97,7 +98,7 @@ mod tests {
     #[test]
     fn errors_need_no_reference() {
         let mut random = Stream::new(1, Purpose::Test, 0);
-        // Uniform numbers around values that differ from pixel to pixel: variance 1 / 12.
+        // Uniform numbers around values that differ between pixels: variance 1 / 12.
         let mut picture = || Image {
             width: 5000,
             height: 1,
@@ -107,7 +108,8 @@ mod tests {
             let pictures = (0..count).map(|_| picture()).collect();
             let errors = IndependentRuns { samples: 1, pictures, ratios: Vec::new() }.errors();
             let mean = errors.iter().sum::<f64>() / f64::from(count);
-            // 15,000 numbers whose squares have a relative deviation of about 1.5: 1.2 %; four of them.
+            // 15,000 numbers whose squares have a relative deviation of about 1.5: 1.2 %; the tolerance is
+            // four of them.
             assert!((mean * 12.0 - 1.0).abs() < 0.05, "{count}: {mean}");
         }
         assert!(IndependentRuns::new(1).errors().is_empty());

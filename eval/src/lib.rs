@@ -1,4 +1,4 @@
-//! Measures samplers: the only place that times a rendering or computes its error.
+//! Measures samplers: the only crate that times renderings or computes their error.
 //!
 //! [`measure`] renders samplers of one view at budgets of samples or seconds and compares the pictures with a [`Reference`]; commands,
 //! sweeps and the Python package call it. An [`Experiment`] is a table of views, samplers and budgets; [`Store`] keeps one
@@ -8,16 +8,16 @@
 //! | --- | --- |
 //! | `view.rs`, `point_choice.rs` | scene, camera and map of a picture, and the points of its samples |
 //! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
-//! | `auto.rs` | the sampler that a view is rendered with |
-//! | `reference.rs` | converged pictures, their noise, and the files that they are kept in |
+//! | `auto.rs` | the choice of a sampler for a view |
+//! | `reference.rs` | converged pictures, their noise and their cache |
 //! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
 //! | `measurement.rs` | one record per run |
 //! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
 //! | `direction_statistics.rs`, `quadrature.rs` | divergences and weights of a sampler at single shading points |
-//! | `preparation.rs` | what the files of a sampler took to be made |
+//! | `preparation.rs` | the time to make a sampler's files |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
-//! | `verification.rs` | whether rebuilt sources render what was measured |
+//! | `verification.rs` | whether changed sources render what was measured |
 //! | `recording.rs` | commands whose output is data |
 //! | `summary/` | ratios, bootstrap intervals, error at equal time |
 //! | `bin/results/` | measures experiments and builds pages from their data |

@@ -1,4 +1,4 @@
-//! One record per run: what was rendered, what it took, and how far it is off.
+//! Records of runs: what was rendered, its time and its error.
 
 use std::{fs, sync::LazyLock};
 
@@ -16,18 +16,18 @@ use crate::Result;
 /// One run of a sampler on a view at a budget.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measurement {
-    /// The scene.
+    /// Scene.
     pub scene: String,
-    /// The map.
+    /// Map.
     pub env: String,
-    /// The material that every surface was given; empty for the scene's own.
+    /// Material of every surface; empty for the scene's own.
     #[serde(default)]
     pub material: String,
-    /// The sampler.
+    /// Sampler.
     pub sampler: String,
-    /// What the run was allowed, `16spp` or `2s`.
+    /// Budget of the run, `16spp` or `2s`.
     pub budget: String,
-    /// Number of the run, from 0.
+    /// Index of the run, from 0.
     pub run: u32,
     /// Samples per pixel.
     pub spp: f64,
@@ -39,7 +39,7 @@ pub struct Measurement {
     pub mse: f64,
     /// Mean relative squared error, `(x - r)^2 / (r^2 + 0.01)`, without the noise of the reference.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of the pixels.
+    /// `relmse` without the worst 0.1 % of the pixels.
     pub relmse_trimmed: f64,
     /// `mse * seconds`.
     pub ttuv: f64,
@@ -53,21 +53,21 @@ pub struct Measurement {
     pub version: String,
     /// The points of samples.
     pub points: String,
-    /// Seconds of preparation: files of the sampler, and what is built before the first sample.
+    /// Seconds of preparation: files of the sampler, and work before the first sample.
     pub preparation: f64,
-    /// Processor seconds of rendering; NaN where the system does not say.
+    /// Processor seconds of rendering; NaN if the system does not report them.
     pub processor_seconds: f64,
-    /// MSE of the reference itself; NaN where it is unknown.
+    /// MSE of the reference itself; NaN if it is unknown.
     pub reference_mse: f64,
     /// Mean luminance of the reference over the measured pixels.
     pub reference_luminance: f64,
-    /// Smallest p-value of a test that a tile has the reference's mean, corrected for the number of tiles; NaN where it does not apply, as below 64 samples
-    /// per pixel.
+    /// Smallest p-value of the hypothesis that a tile has the reference's mean, corrected for the number of
+    /// tiles; NaN where the test does not apply, as below 64 samples per pixel.
     pub tile_p: f64,
 }
 
 impl Measurement {
-    /// The errors of a rendering whose measured `pixels` are compared with those of a reference. Names are left empty.
+    /// Compares the measured `pixels` of a rendering with those of a reference. Names are left empty.
     ///
     /// # Errors
     /// If the sizes differ.
@@ -89,7 +89,7 @@ impl Measurement {
         })
     }
 
-    /// No names, and numbers that are NaN or 0.
+    /// Returns a record without names, whose numbers are NaN or 0.
     pub fn unknown() -> Self {
         Self {
             scene: String::new(),
@@ -119,13 +119,13 @@ impl Measurement {
     }
 }
 
-/// The mean luminance of a picture.
+/// Returns the mean luminance of a picture.
 pub fn mean_luminance(image: &Image) -> f64 {
     let sum: f64 = image.pixels.iter().map(|&pixel| f64::from(luminance(glam::Vec3A::from_array(pixel)))).sum();
     sum / image.pixels.len() as f64
 }
 
-/// Where measurements are made.
+/// Machine and sources of measurements.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Environment {
     /// The version of headtail.
@@ -141,7 +141,7 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// That of this process.
+    /// Returns the environment of this process.
     pub fn current() -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -153,7 +153,8 @@ impl Environment {
     }
 }
 
-/// Hash of the sources on which samples, pictures and their time depend, in 16 hexadecimal digits; comments, white space and tests do not count.
+/// Returns the hash of the sources that affect samples, pictures and their time, in 16 hexadecimal digits;
+/// comments, white space and tests do not count.
 pub fn source_hash() -> &'static str {
     env!("HEADTAIL_SOURCES")
 }
@@ -169,7 +170,7 @@ fn processor() -> &'static str {
     &MODEL
 }
 
-/// Processor and threads, as reports name them.
+/// Returns processor and threads as in reports.
 pub fn machine() -> String {
     format!("{}, {} threads", processor(), rayon::current_num_threads())
 }

@@ -1,4 +1,4 @@
-//! The points that samples are taken at.
+//! Choice of sample points.
 
 use std::str::FromStr;
 
@@ -6,7 +6,7 @@ use headtail_render::points::PointSet;
 
 use crate::Budget;
 
-/// A set of points, or `zsobol` in sets that fit the budget.
+/// A set of points, or `zsobol` in sets that the budget fits into.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PointChoice {
     /// A set by its name.
@@ -16,10 +16,10 @@ pub enum PointChoice {
 }
 
 impl PointChoice {
-    /// Samples in a set of `zsobol` where the budget does not determine them.
+    /// Set size of `zsobol` if the budget does not determine it.
     const SET: u32 = 16;
 
-    /// The points for a budget.
+    /// Returns the points for a budget.
     pub fn for_budget(self, budget: Budget) -> PointSet {
         match (self, budget) {
             (Self::Named(set), _) => set,

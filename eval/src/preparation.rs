@@ -1,4 +1,4 @@
-//! What the files of a sampler took to be made, as far as they say so.
+//! Time to make the files of a sampler, as recorded in them.
 
 use headtail_render::{
     export::{ExportedSampler, Intermediate},
@@ -9,17 +9,17 @@ use headtail_render::{
 
 use crate::Result;
 
-/// The time of a sampler's files, and a sentence about them.
+/// Time to make a sampler's files, and a description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilePreparation {
-    /// Seconds; times that files do not say count as 0.
+    /// Seconds; times that are not recorded count as 0.
     pub seconds: f64,
-    /// What was done: "file read; trained before for 1000 steps on flex (3.2 s)".
+    /// Description, such as "file read; trained before for 1000 steps on flex (3.2 s)".
     pub text: String,
 }
 
 impl FilePreparation {
-    /// That of all files of a SPEC.
+    /// Sums over all files of a SPEC.
     ///
     /// # Errors
     /// If a file cannot be read.
@@ -37,7 +37,7 @@ impl FilePreparation {
         Ok(own)
     }
 
-    /// That of an exported sampler.
+    /// Returns the preparation of an exported sampler.
     pub fn of_exported(exported: &ExportedSampler) -> Self {
         let Some(training) = &exported.training else {
             return Self { seconds: 0.0, text: "file read; the time of its bake is not in the file".into() };

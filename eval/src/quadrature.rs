@@ -12,24 +12,25 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-/// How many points, and where in their strata.
+/// Number of points, and their positions in the strata.
 #[derive(Clone, Copy, Debug)]
 pub struct QuadratureShape {
     /// Strata along a side of Y.
     pub strata: usize,
-    /// Rows of strata of X, in each of which are twice as many; 0 only where no light is dim for its solid angle.
+    /// Rows of strata of X, each with twice as many columns; 0 only if no light is dim for its solid angle.
     pub map_rows: usize,
     /// BRDF samples along a side of their square; 0 for surfaces without narrow lobes.
     pub brdf_strata: usize,
-    /// `None` takes the centres of the strata of Y and X; with a seed every point is jittered in its stratum.
+    /// `None` uses the centres of the strata of Y and X; with a seed, every point is jittered in its stratum.
     pub seed: Option<u64>,
 }
 
-/// Points of Y carried to directions, points of X and BRDF samples, joined by the balance heuristic.
+/// Points of Y mapped to directions, points of X and BRDF samples, joined by the balance heuristic.
 ///
-/// Through an exact tail the emitter's density is constant over Y, so a sun costs no more points than a sky. But the dark parts of a map are
-/// strips of Y so thin that its points step over them, and where a sampler has next to no density there, they decide its variance: the points
-/// of X are for them. A glossy lobe gets points of its own.
+/// Through an exact tail the emitter's density is constant over Y, so a sun needs no more points than a sky.
+/// But the dark parts of a map are strips of Y so thin that its points miss them; where a sampler has almost
+/// no density there, they dominate its variance. The points of X cover these parts. Glossy lobes have points
+/// of their own.
 pub struct Quadrature {
     light: EnvironmentLight,
     shape: QuadratureShape,
@@ -50,12 +51,12 @@ pub struct Term {
     pub wi: Vec3A,
     /// Luminance of light x BRDF x cosine, per steradian; may be 0.
     pub f: f64,
-    /// One over the density of the points (their number times their pdf), in steradians.
+    /// Reciprocal density of the points (their number times their pdf), in steradians.
     pub weight: f64,
 }
 
 impl Quadrature {
-    /// Places the points of Y. The tail of `light` must be exact.
+    /// Places the points of Y and X. The tail of `light` must be exact.
     pub fn new(light: &EnvironmentLight, shape: QuadratureShape) -> Self {
         let mut random = Stream::new(11 + shape.seed.unwrap_or(0), Purpose::Test, 0);
         let mut strata = |columns: usize, rows: usize| -> Vec<Vec2> {
@@ -83,7 +84,7 @@ impl Quadrature {
         Self { light: light.clone(), shape, points }
     }
 
-    /// The points for a shading point; `index` tells apart the random numbers of several shading points.
+    /// Returns the points for a shading point; `index` selects the random numbers of the shading point.
     pub fn terms(&self, at: &ShadingPoint, index: u64) -> Vec<Term> {
         let (side, point) = (self.shape.brdf_strata, at.one());
         let (of_y, of_brdf) = ((self.shape.strata * self.shape.strata) as f64, (side * side) as f64);
@@ -129,7 +130,8 @@ mod tests {
         tail::TailKind,
     };
 
-    /// What a white diffuse surface and a mirror-like one reflect of a constant map, and the solid angle of a hemisphere.
+    /// Reflection of a constant map by a white diffuse and a mirror-like surface, and the solid angle of a
+    /// hemisphere.
     #[test]
     fn integrals_over_a_constant_map_are_known() {
         let image = headtail_render::image::Image { width: 8, height: 5, pixels: vec![[2.0; 3]; 40] };
@@ -164,8 +166,8 @@ mod tests {
         assert!((integral(Some(3)) / centres - 1.0).abs() < 3e-3);
     }
 
-    /// A wall of half the sphere that is 1e6 times as dim as the other half is a strip of Y that is 1e-6 wide. What a sampler with little density
-    /// there has for a second moment is found by points of X, and not by those of Y alone.
+    /// A half of the sphere that is 1e6 times dimmer than the other is a strip of Y of width 1e-6. The second
+    /// moment there of a sampler with little density is found by points of X, not by those of Y alone.
     #[test]
     fn dim_parts_of_the_sphere_are_not_stepped_over() {
         let (width, height) = (64, 32);
@@ -179,12 +181,12 @@ mod tests {
         let n = Vec3A::new(-0.8, 0.6, 0.0);
         let surface = Lambert { albedo: glam::Vec3::ONE }.into();
         let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
-        // A density that is in proportion to the light but for a factor of 1e-6 where the map is dim.
+        // A density proportional to the light, except for a factor of 1e-6 where the map is dim.
         let ratio = |wi: Vec3A, f: f64| {
             let light = f64::from(luminance(map.radiance(wi)));
             f * f / (light * if light < 1e-3 { 1e-6 } else { 1.0 })
         };
-        // By 16 x 16 points of each texel.
+        // Brute force: 16 x 16 points per texel.
         let (columns, rows) = (16 * width, 16 * (height - 1));
         let brute: f64 = (0..columns * rows)
             .into_par_iter()
@@ -205,8 +207,8 @@ mod tests {
                 terms.iter().filter(|t| t.f > 0.0).map(|t| t.weight * ratio(t.wi, t.f)).sum::<f64>()
             };
             for seed in [None, Some(1)] {
-                // The integrand jumps within a texel of the dim half's edges, 1 in 30 of its width, where a point of X stands for a sixteenth of
-                // a texel.
+                // The integrand jumps within a texel of the dim half's edges, 1/30 of its width, where a
+                // point of X stands for 1/16 of a texel.
                 let found = integral(256, seed);
                 assert!((found / brute - 1.0).abs() < 0.02, "{} {seed:?}: {found} {brute}", kind.name());
             }

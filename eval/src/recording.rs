@@ -1,4 +1,5 @@
-//! Commands whose output is data: benches, `headtail paper`, `headtail stability`, other renderers.
+//! Recordings: commands whose output is data, such as benches, `headtail paper`, `headtail stability` and
+//! other renderers.
 
 use std::{
     path::{Path, PathBuf},
@@ -12,14 +13,14 @@ use serde_json::Value;
 
 use crate::{Error, MeasurementEnvironment, Result, Store};
 
-/// Commands that are run once, and whose output is kept.
+/// Commands that are run once and whose output is kept.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recording {
-    /// Its name: the stem of its file.
+    /// Name: the stem of its file.
     #[serde(skip)]
     pub name: String,
-    /// What it answers, as a question.
+    /// The question that it answers.
     pub question: String,
     /// The commands.
     pub commands: Vec<RecordedCommand>,
@@ -29,11 +30,12 @@ pub struct Recording {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordedCommand {
-    /// The stem of the file of its output.
+    /// Stem of the output file.
     pub name: String,
-    /// Arguments of `headtail`, or of `cargo` where they begin with `bench`, or of `python3` where they begin with a file `.py`.
+    /// Arguments of `headtail`; of `cargo` if they begin with `bench`; of `python3` if they begin with a
+    /// `.py` file.
     pub run: String,
-    /// The miniature; empty if there is none.
+    /// Arguments of the miniature; empty if there is none.
     #[serde(default)]
     pub quick: String,
     /// Whether the output is JSON.
@@ -41,21 +43,21 @@ pub struct RecordedCommand {
     pub json: bool,
 }
 
-/// What a command wrote.
+/// Output of a command.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Output {
-    /// The row of `environments.csv`.
+    /// Id of the row in `environments.csv`.
     pub environment: String,
-    /// The command without folders.
+    /// Command without folders.
     pub command: String,
-    /// Seconds that it took.
+    /// Seconds that the command took.
     pub seconds: f64,
-    /// A text, or what its JSON holds.
+    /// Text, or the parsed JSON.
     pub output: Value,
 }
 
 impl Recording {
-    /// Reads a file; its stem is the name.
+    /// Reads a recording from a file; the stem is its name.
     ///
     /// # Errors
     /// If it cannot be read, or a key is unknown.
@@ -66,15 +68,15 @@ impl Recording {
         Ok(recording)
     }
 
-    /// The file of a command's output in a store.
+    /// Returns the file of a command's output in a store.
     pub fn path(&self, store: &Store, command: &RecordedCommand) -> PathBuf {
         store.folder().join(&self.name).join(format!("{}.json", command.name))
     }
 
-    /// What a command wrote, if it was run.
+    /// Returns the output of a command, if it was run.
     ///
     /// # Errors
-    /// If its file is there and cannot be read.
+    /// If its file exists and cannot be read.
     pub fn output(&self, store: &Store, command: &RecordedCommand) -> Result<Option<Output>> {
         let path = self.path(store, command);
         if !path.exists() {
@@ -84,10 +86,10 @@ impl Recording {
         serde_json::from_str(&text).map(Some).map_err(|error| Error::file(&path, error))
     }
 
-    /// Runs a command and keeps its output.
+    /// Runs a command and stores its output.
     ///
     /// # Errors
-    /// If the program cannot be started or fails, or its output is not what it should be.
+    /// If the program cannot be started or fails, or its output is invalid.
     pub fn run(
         &self,
         store: &Store,

@@ -1,7 +1,8 @@
-//! The picture that errors are measured against, and its own noise.
+//! Reference pictures, and their own noise.
 //!
-//! A reference is rendered by `patches` with Sobol points in two independent halves, whose difference gives its noise. Where the noise exceeds a stated
-//! fraction of the smallest error that was measured against it, more samples are taken ([`Reference::refine`]).
+//! A reference is rendered by `patches` with Sobol points in two independent halves, whose difference gives
+//! its noise. If the noise exceeds a given fraction of the smallest error measured against it, more samples
+//! are taken ([`Reference::refine`]).
 
 use std::{
     path::{Path, PathBuf},
@@ -18,32 +19,34 @@ use headtail_render::{
 
 use crate::{Budget, Error, OpenedView, Result, view::part_text};
 
-/// Part of every name in a cache; to be raised when the renderer changes what its pictures converge to, or how near they come.
+/// Part of every cache name; increase it if the renderer changes what its pictures converge to, or how fast.
 const CACHE_VERSION: u32 = 5;
-/// The points of references, whatever those of the runs are.
+/// Points of references, independent of those of the runs.
 const POINTS: PointSet = PointSet::Sobol;
-/// The sampler of references: of those without a file, the one with the smallest error under such points.
+/// Sampler of references: among those without a file, the one with the smallest error under these points.
 pub const SAMPLER: &str = "patches";
-/// The attributes of a reference's file that hold its noise and its samples per pixel.
+/// Attributes of a reference file: its noise and its samples per pixel.
 const NAMES: [&str; 3] = ["reference.mse", "reference.relmse", "reference.spp"];
-/// What is left of an error that is all noise, as a fraction of the noise: it stays positive, so that it has a logarithm.
+/// Lower bound of an error after subtraction of noise, as a fraction of the noise: keeps it positive, so that
+/// it has a logarithm.
 const LEAST: f64 = 0.05;
 
-/// How far references are converged.
+/// Convergence of references.
 #[derive(Clone, Copy, Debug)]
 pub struct ReferencePolicy {
-    /// Samples per pixel that are taken at first.
+    /// Initial samples per pixel.
     pub samples: u32,
-    /// Samples per pixel that are taken at most.
+    /// Maximum samples per pixel.
     pub most_samples: u32,
-    /// The noise is to be at most this fraction of the smallest mean squared error.
+    /// Target noise as a fraction of the smallest mean squared error.
     pub fraction: f64,
     /// Seed; far from those of the runs.
     pub seed: u64,
 }
 
 impl ReferencePolicy {
-    /// At least so many samples, up to four times as many until the noise is a twentieth of the smallest error.
+    /// Returns the policy of at least `samples` and up to 4x as many, until the noise is 5 % of the smallest
+    /// error.
     pub fn new(samples: u32, seed: u64) -> Self {
         Self { samples, most_samples: samples.saturating_mul(4), fraction: 0.05, seed: seed ^ 0x5eed_0000_0000 }
     }
@@ -59,37 +62,38 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// The noise of the mean of two independent renderings of equally many samples: with `a` and `b` of variance `v`, the mean has `v / 2`, and
-    /// `(a - b)^2 / 4`, the squared distance of a half to it, has that expectation.
+    /// Returns the noise of the mean of two independent renderings with equal numbers of samples: if `a` and
+    /// `b` have variance `v`, the mean has `v / 2`, and `(a - b)^2 / 4`, the squared distance of a half to
+    /// it, has that expectation.
     fn of(half: &Image, mean: &Image, covered: &[bool]) -> Result<Self> {
         let metrics = ErrorMetrics::of(&select(half, covered), &select(mean, covered))?;
         Ok(Self { mse: metrics.mse, relmse: metrics.relmse })
     }
 
-    /// What is left of a measured error without a reference's noise.
+    /// Subtracts a reference's noise from a measured error.
     pub fn without(measured: f64, noise: f64) -> f64 {
         (measured - noise).max(LEAST * noise)
     }
 }
 
-/// A reference.
+/// A reference picture.
 #[derive(Clone)]
 pub struct Reference {
     /// The whole picture, background included.
     pub image: Image,
     /// `[height * width]` the pixels that surfaces cover entirely, over which errors are measured.
     pub covered: Vec<bool>,
-    /// Its own errors, where they are known.
+    /// Errors of the reference, if known.
     pub noise: Option<Noise>,
-    /// Samples per pixel; 0 for a picture from elsewhere.
+    /// Samples per pixel; 0 for a picture read from a file.
     pub samples: u32,
-    /// Seconds that it took in this process.
+    /// Seconds of rendering in this process.
     pub seconds: f64,
     policy: ReferencePolicy,
 }
 
 impl Reference {
-    /// Takes the reference of a view from a cache, or renders it and keeps it there.
+    /// Reads the reference of a view from a cache, or renders and stores it.
     ///
     /// # Errors
     /// If no pixel is covered by a surface, or a file cannot be written; [`Error::Interrupted`] if the stop flag is set.
@@ -130,7 +134,7 @@ impl Reference {
         Ok(Self { image: rendering.composite(), covered, noise, samples, seconds, policy })
     }
 
-    /// A picture from elsewhere with the noise that its file names; the covered pixels are found by a short rendering.
+    /// Reads a picture and the noise that its file records; a short rendering finds the covered pixels.
     ///
     /// # Errors
     /// If the file cannot be read or has another size, or no pixel is covered by a surface.
@@ -141,8 +145,9 @@ impl Reference {
         Ok(Self { image, covered, noise: read_noise(file).map(|(noise, _)| noise), samples: 0, seconds: 0.0, policy })
     }
 
-    /// Takes more samples until the noise is the policy's fraction of `smallest`, the smallest mean squared error measured, or the policy's samples are
-    /// spent. Returns whether the picture changed. Pictures from elsewhere stay as they are.
+    /// Takes more samples until the noise is the policy's fraction of `smallest`, the smallest mean squared
+    /// error measured, or the policy's samples are spent. Returns whether the picture changed; pictures read
+    /// from a file do not.
     ///
     /// # Errors
     /// [`Error::Interrupted`] if the stop flag is set.
@@ -160,7 +165,7 @@ impl Reference {
         if factor <= 1.0 || !factor.is_finite() || left < 2 {
             return Ok(false);
         }
-        // Sobol points converge at least as fast as independent ones.
+        // Conservative: Sobol points converge at least as fast as independent ones.
         let more = (f64::from(self.samples) * (factor - 1.0)).ceil().min(f64::from(left)) as u32;
         let seed = self.policy.seed ^ (u64::from(self.samples) << 4);
         let (rendering, half) = two_halves(view, more, seed, stop, progress)?;
@@ -180,12 +185,12 @@ impl Reference {
         Ok(true)
     }
 
-    /// The measured pixels as a picture of one row.
+    /// Returns the measured pixels as a picture of one row.
     pub fn selected(&self) -> Image {
         select(&self.image, &self.covered)
     }
 
-    /// How it came about, in a sentence.
+    /// Describes in a sentence how the reference was made.
     pub fn note(&self) -> String {
         match self.samples {
             0 => "Read from a file.".to_owned(),
@@ -196,7 +201,7 @@ impl Reference {
         }
     }
 
-    /// Noise and samples, for a file.
+    /// Returns noise and samples as attributes of a file.
     pub fn attributes(&self) -> Vec<Attribute> {
         let Some(noise) = self.noise else { return Vec::new() };
         vec![
@@ -223,7 +228,8 @@ impl Reference {
     }
 }
 
-/// Renders in two independent halves of at least one sample: the mean of both, and the surfaces of one.
+/// Renders two independent halves of at least one sample each; returns their mean and the surfaces of one
+/// half.
 fn two_halves(
     view: &OpenedView,
     samples: u32,
@@ -253,10 +259,10 @@ fn two_halves(
     Ok((mean, surfaces))
 }
 
-/// The pixels that surfaces cover entirely.
+/// Returns the pixels that surfaces cover entirely.
 ///
 /// # Errors
-/// If there is none: nothing could be measured.
+/// If there is none, so that nothing could be measured.
 pub fn covered(coverage: &[f32]) -> Result<Vec<bool>> {
     let covered: Vec<bool> = coverage.iter().map(|&fraction| fraction == 1.0).collect();
     if covered.contains(&true) {
@@ -266,7 +272,7 @@ pub fn covered(coverage: &[f32]) -> Result<Vec<bool>> {
     }
 }
 
-/// The chosen pixels as a picture of one row.
+/// Returns the chosen pixels as a picture of one row.
 pub fn select(image: &Image, chosen: &[bool]) -> Image {
     let pixels: Vec<_> =
         image.pixels.iter().zip(chosen).filter(|(_, chosen)| **chosen).map(|(pixel, _)| *pixel).collect();
@@ -291,7 +297,8 @@ fn read_sized(file: &Path, view: &OpenedView) -> Result<Image> {
     Ok(image)
 }
 
-/// The picture and the coverage of an entry of a cache, named by a hash of all that the reference depends on.
+/// Returns the picture and coverage files of a cache entry, named by a hash of everything that the reference
+/// depends on.
 fn files(folder: &Path, opened: &OpenedView, policy: ReferencePolicy) -> [PathBuf; 2] {
     let view = opened.view();
     let content = format!(
@@ -319,7 +326,7 @@ mod tests {
 
     #[test]
     fn halves_give_the_variance_of_their_mean() {
-        // Two values with errors of +3 and -1: the mean is off by 1, and half the distance is 2.
+        // Two values with errors of +3 and -1: the error of the mean is 1, and half the distance is 2.
         let image = |value: f32| Image { width: 2, height: 1, pixels: vec![[value; 3], [100.0; 3]] };
         let noise = Noise::of(&image(13.0), &image(11.0), &[true, false]).unwrap();
         assert!((noise.mse - 4.0).abs() < 1e-6 && noise.relmse > 0.0);

@@ -1,4 +1,4 @@
-//! Measures an experiment, view by view; what the store has is not measured again.
+//! Measures an experiment view by view, skipping what the store holds.
 
 use std::{
     path::PathBuf,
@@ -13,38 +13,40 @@ use crate::{
     experiment::{self, SamplerEntry},
 };
 
-/// By which factor the samples of a reference may grow.
+/// Factor by which the samples of a reference may grow.
 const MOST_REFINEMENT: u32 = 16;
-/// The chance of a warning about a view whose samplers all have the reference's mean.
+/// Probability of a false warning about a view.
 const SIGNIFICANCE: f64 = 0.001;
 
-/// Where an experiment finds and keeps files.
+/// Locations of an experiment's files, and limits.
 pub struct RunOptions {
-    /// The folder of maps and scenes.
+    /// Folder of maps and scenes.
     pub data: PathBuf,
-    /// The folder of references and of samplers' files.
+    /// Cache folder for references and samplers' files.
     pub cache: PathBuf,
     /// The program `headtail`, which makes samplers' files.
     pub program: PathBuf,
-    /// Most views; the first ones whose files are there.
+    /// Maximum number of views; the first ones whose files exist.
     pub most_views: usize,
 }
 
-/// What came of an experiment.
+/// Result of an experiment.
 #[derive(Debug, Default)]
 pub struct Outcome {
-    /// Views that were measured now.
+    /// Views measured by this call.
     pub measured: usize,
-    /// Views that were measured before.
+    /// Views measured earlier.
     pub known: usize,
-    /// Views whose files are not there.
+    /// Views with missing files.
     pub missing: Vec<ViewKey>,
 }
 
-/// Measures what is missing of an experiment. Each view is stored when it is done, so that an interrupted experiment goes on with the next one.
+/// Measures the missing views of an experiment. Each view is stored when it is done, so that an interrupted
+/// experiment resumes with the next one.
 ///
 /// # Errors
-/// If a view or a sampler cannot be opened, or the store not be written; [`Error::Interrupted`] if `stop` is set.
+/// If a view or a sampler cannot be opened, or the store cannot be written; [`Error::Interrupted`] if `stop`
+/// is set.
 pub fn run(
     experiment: &Experiment,
     store: &Store,
@@ -87,20 +89,20 @@ pub fn run(
     Ok(outcome)
 }
 
-/// The threads of an experiment.
+/// Returns the thread pool of an experiment.
 pub(crate) fn pool(experiment: &Experiment) -> Result<rayon::ThreadPool> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(experiment.threads).build();
     pool.map_err(|error| Error::argument("threads", error.to_string()))
 }
 
-/// Whether the files of a view are there.
+/// Whether the files of a view exist.
 pub(crate) fn is_there(experiment: &Experiment, key: &ViewKey, options: &RunOptions) -> bool {
     let scene = experiment.scene(&key.scene).map(|entry| entry.file.as_str());
     let map = experiment.map(&key.map).map(|entry| entry.file.as_str());
     [scene, map].into_iter().flatten().all(|file| experiment::is_there(file, &options.data))
 }
 
-/// A view with its samplers, ready to render. A sampler whose file cannot be made is left out, with a warning.
+/// Opens a view and its samplers. A sampler whose file cannot be made is skipped with a warning.
 pub(crate) fn open(
     experiment: &Experiment,
     key: &ViewKey,
@@ -159,7 +161,7 @@ fn measure_view(
         cache: Some(references),
     };
     let measured = engine::measure(&view, &entries, &mut reference, &plan, (stop, watch), &mut |_| Ok::<_, Error>(()))?;
-    // Samplers are independent techniques: each must have the reference's mean in every tile.
+    // Samplers are independent techniques, so each must have the reference's mean in every tile.
     let level = sidak(SIGNIFICANCE, measured.len());
     for own in measured.iter().filter(|own| own.tile_p < level) {
         watch.warning(&format!(

@@ -1,4 +1,4 @@
-//! The time of one light estimate.
+//! Time of one light estimate.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -11,13 +11,14 @@ use headtail_render::{
 
 use crate::{Budget, Error, OpenedView, Result};
 
-/// Edge of the picture, in pixels.
+/// Width and height of the picture in pixels.
 const SIDE: usize = 96;
 const SAMPLES: u32 = 16;
 const RENDERINGS: usize = 3;
 
-/// Nanoseconds of a light estimate on one thread: the time of a picture of the scene `sphere` of one material without shadow rays over its estimates, camera
-/// rays included; the least of three pictures.
+/// Returns the nanoseconds of a light estimate on one thread, camera rays included: the time of a picture of
+/// the scene `sphere` with one material and no shadow rays, divided by its estimates; the minimum of three
+/// pictures.
 ///
 /// # Errors
 /// If the material does not fit the scene, or no thread can be started.

@@ -1,4 +1,5 @@
-//! Measurements of experiments as files: one CSV per experiment, and one of the machines and sources that they were made with.
+//! Measurements of experiments as files: one CSV per experiment, and one for the machines and sources of
+//! measurement.
 
 use std::{
     collections::HashSet,
@@ -10,11 +11,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Measurement, MeasurementEnvironment, Result, ViewKey};
 
-/// The file of machines and sources.
+/// File of machines and sources.
 const ENVIRONMENTS: &str = "environments.csv";
-/// The file of sources that render what earlier ones did.
+/// File of sources that render the same as earlier ones.
 const VERIFIED: &str = "verified.csv";
-/// Most bytes of a file.
+/// Maximum size of a file in bytes.
 const MOST: u64 = 1 << 28;
 
 /// A folder of measurements.
@@ -35,7 +36,7 @@ pub struct Record {
     pub sampler: String,
     /// Budget.
     pub budget: String,
-    /// Number of the run.
+    /// Index of the run.
     pub run: u32,
     /// Seed.
     pub seed: u64,
@@ -53,7 +54,7 @@ pub struct Record {
     pub mse: f64,
     /// Mean relative squared error.
     pub relmse: f64,
-    /// The same without the worst 0.1 % of the pixels.
+    /// `relmse` without the worst 0.1 % of the pixels.
     pub relmse_trimmed: f64,
     /// Mean luminance.
     pub mean_luminance: f64,
@@ -65,7 +66,7 @@ pub struct Record {
     pub max_weight: f64,
     /// Smallest corrected p-value of a tile's mean.
     pub tile_p: f64,
-    /// The row of `environments.csv`.
+    /// Id of the row in `environments.csv`.
     pub environment: String,
 }
 
@@ -96,14 +97,14 @@ impl Record {
         }
     }
 
-    /// The names of its view.
+    /// Returns the names of its view.
     pub fn view(&self) -> ViewKey {
         let [scene, map, material] = [&self.scene, &self.map, &self.material].map(Clone::clone);
         ViewKey { scene, map, material }
     }
 }
 
-/// Seven significant digits: files stay small, and no figure needs more.
+/// Rounds to seven significant digits: files stay small, and no figure needs more.
 pub(crate) fn rounded(value: f64) -> f64 {
     format!("{value:.6e}").parse().unwrap_or(value)
 }
@@ -119,24 +120,24 @@ struct EnvironmentRow {
     threads: usize,
 }
 
-/// Sources whose pictures were found to be those of earlier ones.
+/// Sources whose pictures equal those of earlier sources.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct VerifiedSources {
-    /// What was measured with.
+    /// Sources of the measurements.
     pub measured: String,
-    /// What renders the same pictures.
+    /// Sources that render the same pictures.
     pub verified: String,
-    /// Pictures that were compared.
+    /// Number of compared pictures.
     pub pictures: usize,
 }
 
 impl Store {
-    /// The files of a folder, which need not be there.
+    /// Returns the store of a folder, which need not exist.
     pub fn new(folder: &Path) -> Self {
         Self { folder: folder.to_owned() }
     }
 
-    /// The folder.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -145,15 +146,15 @@ impl Store {
         self.folder.join(format!("{experiment}.csv"))
     }
 
-    /// What was measured of an experiment, in the order of the file.
+    /// Returns the measurements of an experiment, in the order of the file.
     ///
     /// # Errors
-    /// If the file is there and cannot be read.
+    /// If the file exists and cannot be read.
     pub fn records(&self, experiment: &str) -> Result<Vec<Record>> {
         read_rows(&self.path(experiment))
     }
 
-    /// Adds measurements, sorted into the file; those of the same (view, sampler, budget, run) are replaced.
+    /// Adds measurements in sorted order; those with the same (view, sampler, budget, run) are replaced.
     ///
     /// # Errors
     /// If a file cannot be read or written.
@@ -192,10 +193,10 @@ impl Store {
         write_rows(&self.path(experiment), records)
     }
 
-    /// The machines and sources of records, by id.
+    /// Returns the machines and sources of records, by id.
     ///
     /// # Errors
-    /// If the file is there and cannot be read.
+    /// If the file exists and cannot be read.
     pub fn environments(&self) -> Result<Vec<(String, MeasurementEnvironment)>> {
         let rows: Vec<EnvironmentRow> = read_rows(&self.folder.join(ENVIRONMENTS))?;
         let environment = |row: EnvironmentRow| {
@@ -205,15 +206,15 @@ impl Store {
         Ok(rows.into_iter().map(environment).collect())
     }
 
-    /// Sources that were found to render what earlier ones did.
+    /// Returns the sources that were found to render the same as earlier ones.
     ///
     /// # Errors
-    /// If the file is there and cannot be read.
+    /// If the file exists and cannot be read.
     pub fn verified(&self) -> Result<Vec<VerifiedSources>> {
         read_rows(&self.folder.join(VERIFIED))
     }
 
-    /// Keeps what was verified; rows of the same measured sources are replaced.
+    /// Stores verified sources; rows with the same measured sources are replaced.
     ///
     /// # Errors
     /// If the file cannot be read or written.
@@ -224,7 +225,7 @@ impl Store {
         write_rows(&self.folder.join(VERIFIED), &known)
     }
 
-    /// The id of a machine and its sources, which is added to the file if it is new.
+    /// Returns the id of a machine and its sources, which are added to the file if they are new.
     pub(crate) fn id_of(&self, environment: &MeasurementEnvironment) -> Result<String> {
         let mut known = self.environments()?;
         if let Some((id, _)) = known.iter().find(|(_, own)| own == environment) {

@@ -1,4 +1,5 @@
-//! Times as ratios to a baseline that is rendered before and after, so that whatever else the machine does slows down both.
+//! Times relative to a baseline that is rendered before and after, so that other load on the machine slows
+//! down both.
 
 use std::{
     cell::Cell,
@@ -18,17 +19,17 @@ use crate::{Budget, OpenedView, processor_seconds};
 pub struct TimingBaseline {
     estimator: Box<dyn Estimator>,
     samples: u32,
-    /// Seconds of its sample of every pixel: the least of several renderings.
+    /// Seconds of one sample per pixel: the minimum of several renderings.
     pub sample_seconds: f64,
-    /// The last time: the one after a picture is the one before the next.
+    /// The last time: the one after a picture also serves as the one before the next.
     last: Cell<Option<(Instant, f64)>>,
 }
 
-/// How long a time is used again.
+/// How long a time is reused.
 const FRESH: Duration = Duration::from_millis(20);
 
 impl TimingBaseline {
-    /// Times a sampler at `samples` samples per pixel.
+    /// Prepares a baseline and times it at `samples` samples per pixel.
     pub fn new(view: &OpenedView, estimator: Box<dyn Estimator>, samples: u32) -> Self {
         let mut baseline = Self { estimator, samples, sample_seconds: f64::INFINITY, last: Cell::new(None) };
         for _ in 0..4 {
@@ -37,7 +38,8 @@ impl TimingBaseline {
         baseline
     }
 
-    /// Renders between two renderings of the baseline: the picture, and seconds of its sample over the baseline's.
+    /// Renders between two renderings of the baseline; returns the picture and the time of its sample
+    /// relative to the baseline's.
     pub(crate) fn ratio_of(&self, view: &OpenedView, render: impl FnOnce() -> (Rendering, f64)) -> (Rendering, f64) {
         let fresh = self.last.get().filter(|(time, _)| time.elapsed() < FRESH);
         let before = fresh.map_or_else(|| self.time(view), |(_, seconds)| seconds);
@@ -53,7 +55,8 @@ impl TimingBaseline {
     }
 }
 
-/// A picture, and the seconds of a sample of every pixel: processor time over the threads where the system tells it, else wall-clock time.
+/// Renders a picture; also returns the seconds of one sample per pixel: processor time divided by the threads
+/// where the system reports it, else wall-clock time.
 pub(crate) fn timed(view: &OpenedView, estimator: &dyn Estimator, budget: Budget, seed: u64) -> (Rendering, f64) {
     let before = processor_seconds();
     let points = Points::new(PointSet::Sobol, seed);

@@ -1,4 +1,4 @@
-//! Whether the sources of now render the pictures that were measured with earlier ones.
+//! Checks whether the current sources render the pictures that were measured with earlier ones.
 
 use std::sync::atomic::AtomicBool;
 
@@ -7,21 +7,22 @@ use crate::{
     measurement::mean_luminance, runner, select, store::rounded,
 };
 
-/// By how much the mean luminance may differ: it is of the pixels that surfaces cover entirely, and which those are at the border depends on
-/// the samples that look.
+/// Tolerance of the mean luminance: it covers the pixels that surfaces cover entirely, and which those are at
+/// edges depends on the samples.
 const MEAN: f64 = 1e-2;
 
-/// What came of a verification.
+/// Result of a verification.
 #[derive(Debug, Default)]
 pub struct Verification {
-    /// Pictures that were rendered again.
+    /// Number of pictures that were rendered again.
     pub pictures: usize,
-    /// Those that differ.
+    /// Pictures that differ.
     pub different: Vec<String>,
 }
 
-/// Renders first runs of measured views again, `views` of them, evenly chosen, with as many samples as they had, and compares shadow rays
-/// and largest contributions to the digit.
+/// Renders first runs of `views` measured views again, evenly chosen, with the same numbers of samples, and
+/// compares rays per sample and largest contributions to the digit, and the mean luminance within 1 %. Skips pictures
+/// of `auto` at budgets of seconds, whose sampler depends on the clock.
 ///
 /// # Errors
 /// If a view or a sampler cannot be opened.
@@ -51,6 +52,9 @@ pub fn verify(
                     else {
                         continue;
                     };
+                    if entry.is_chosen_by_clock(budget) {
+                        continue;
+                    }
                     let (taken, points) = (Budget::Samples(own.spp as u32), view.points(budget, own.seed));
                     let again = view.render(entry.at(budget).0, taken, points, stop, &|_| {});
                     found.pictures += 1;

@@ -1,4 +1,4 @@
-//! What is rendered: a scene seen by a camera under a map.
+//! Views: a scene seen by a camera under a map.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Budget, Error, PointChoice, Result};
 
-/// A camera and the size of its picture; what is not given is taken from the scene's own camera.
+/// A camera and the size of its picture; missing values are those of the scene's own camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraSettings {
     /// Width in pixels.
@@ -36,15 +36,15 @@ pub struct CameraSettings {
 }
 
 impl CameraSettings {
-    /// The scene's own camera with a picture of this size.
+    /// Returns the scene's own camera with this image size.
     pub fn of_size(width: u32, height: u32) -> Self {
         Self { width, height, look_from: None, look_at: None, fov: None }
     }
 
-    /// The camera in a scene.
+    /// Opens the camera in a scene.
     ///
     /// # Errors
-    /// If the numbers do not make a camera.
+    /// If the values do not define a camera.
     pub fn open(&self, scene: &Scene) -> Result<Camera> {
         let own = scene.camera_for(self.width as f32 / self.height as f32);
         if (self.look_from, self.look_at, self.fov) == (None, None, None) {
@@ -56,7 +56,7 @@ impl CameraSettings {
     }
 }
 
-/// Everything that decides a picture, but its sampler and its samples.
+/// Everything that a picture depends on, except its sampler and its samples.
 #[derive(Clone, Debug)]
 pub struct ViewSettings {
     /// A built-in scene or a glTF file.
@@ -65,26 +65,26 @@ pub struct ViewSettings {
     pub env: String,
     /// Camera and size.
     pub camera: CameraSettings,
-    /// The name or number of the camera of the scene's file; `None` is its first.
+    /// Name or number of the camera in the scene's file; `None` is its first.
     pub own_camera: Option<String>,
     /// Whether a grey diffuse plane is put under the scene.
     pub ground: bool,
-    /// What every surface is made of; `None` keeps the scene's materials.
+    /// Material of every surface; `None` keeps the scene's materials.
     pub material: Option<MaterialSpec>,
     /// Whether shadow rays are left out.
     pub unshadowed: bool,
-    /// Surfaces that light may visit on its way to the camera; 1 is direct light.
+    /// Maximum number of surfaces on a light path; 1 is direct light.
     pub depth: u32,
     /// The points of samples.
     pub points: PointChoice,
-    /// Most bytes that samplers with visibility learn of the scene.
+    /// Memory for precomputed visibility, in bytes.
     pub visibility_bytes: usize,
-    /// Whether visibility is used even where it is predicted to gain less than it costs.
+    /// Whether visibility is used even if its predicted gain is below its cost.
     pub visibility_always: bool,
 }
 
 impl ViewSettings {
-    /// Direct light on a scene with its own materials, with Sobol points.
+    /// Returns direct light on a scene with its own materials and Sobol points.
     pub fn new(scene: &str, env: &str, camera: CameraSettings) -> Self {
         Self {
             scene: scene.to_owned(),
@@ -109,19 +109,19 @@ impl ViewSettings {
         self.open_under(Arc::new(Environment::open(&self.env)?))
     }
 
-    /// Opens the scene under a map that was opened before.
+    /// Opens the scene under a map that is already open.
     ///
     /// # Errors
     /// As [`Self::open`].
     pub fn open_under(&self, environment: Arc<Environment>) -> Result<OpenedView> {
-        // A material for all surfaces needs none of the file's.
+        // A material for all surfaces makes those of the file unnecessary.
         let is_dressed = self.material.as_ref().is_some_and(MaterialSpec::is_for_all);
         let mut scene = Scene::open_dressed(&self.scene, !is_dressed)?;
         let remarks = scene.remarks().to_vec();
         if let Some(name) = &self.own_camera {
             scene.use_camera(name)?;
         }
-        // The camera frames the scene as it is, not the plane below it.
+        // The camera frames the scene without the plane below it.
         let camera = self.camera.open(&scene)?;
         let bounds = scene.bounds();
         if self.ground {
@@ -157,7 +157,7 @@ pub struct OpenedView {
     height: usize,
     /// Whether shadow rays are left out.
     pub unshadowed: bool,
-    /// Surfaces that light may visit.
+    /// Maximum number of surfaces on a light path.
     pub depth: u32,
     /// The points of samples.
     pub points: PointChoice,
@@ -170,7 +170,7 @@ pub struct OpenedView {
 }
 
 impl OpenedView {
-    /// Direct light on a scene, with Sobol points.
+    /// Returns a view of direct light on a scene, with Sobol points.
     pub fn new(
         scene: Arc<Scene>,
         camera: Camera,
@@ -196,7 +196,7 @@ impl OpenedView {
         }
     }
 
-    /// What the integrator renders.
+    /// Returns the view for the integrator.
     pub fn view(&self) -> View<'_> {
         View {
             scene: &self.scene,
@@ -209,7 +209,7 @@ impl OpenedView {
         }
     }
 
-    /// The estimator of a SPEC for this map and this scene.
+    /// Builds the estimator of a SPEC for this map and this scene.
     ///
     /// # Errors
     /// If a file of the SPEC cannot be used here.
@@ -218,7 +218,7 @@ impl OpenedView {
         Ok(spec.build_in(&self.environment, BuildContext { scene: Some(&*self.scene), memory, always })?)
     }
 
-    /// The estimator of `patches+vis` for this map and this scene.
+    /// Builds the estimator of `patches+vis` for this map and this scene.
     ///
     /// # Errors
     /// If the map has no light.
@@ -227,26 +227,28 @@ impl OpenedView {
         Ok(if self.visibility_always { patches.always() } else { patches })
     }
 
-    /// The scene.
+    /// Returns the scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
     }
 
-    /// What the scene's file has that is not shown, and what was converted.
+    /// Returns remarks on parts of the scene's file that are not shown or were converted.
     pub fn remarks(&self) -> &[Remark] {
         &self.remarks
     }
 
-    /// Most bytes that are learned of the scene.
+    /// Returns the memory for precomputed visibility, in bytes.
     pub fn visibility_bytes(&self) -> usize {
         self.visibility_bytes
     }
 
-    /// Turns the map around the vertical by an angle in degrees and multiplies its light. Scene and camera are turned against the map, which
-    /// stays as it is, and factors multiply what is rendered, so that samplers made for the map stay right.
+    /// Turns the map around the vertical axis by an angle in degrees and scales its light. Scene and camera
+    /// are turned against the map, which is unchanged, and the factors multiply the rendering, so that
+    /// samplers made for the map stay valid.
     ///
     /// # Errors
-    /// If the angle is not finite, or surfaces have a width that varies over space and would not turn with them.
+    /// If the angle is not finite, or surfaces have a spatially varying width, which would not turn with
+    /// them.
     pub fn set_light(&mut self, rotation: f32, scale: Vec3A) -> Result<()> {
         if !rotation.is_finite() {
             return Err(Error::argument("env-rotate", "the angle is not finite"));
@@ -265,29 +267,30 @@ impl OpenedView {
         Ok(())
     }
 
-    /// The whole view in a picture of one pixel for so many along each side; at least one.
+    /// Returns the whole view in a picture that is `coarseness` times smaller along each side, at least one
+    /// pixel.
     #[must_use]
     pub fn resized(&self, coarseness: usize) -> Self {
         let side = |length: usize| (length / coarseness).max(1);
         Self { width: side(self.width), height: side(self.height), part: None, ..self.clone() }
     }
 
-    /// Renders a part of the picture only.
+    /// Restricts rendering to a part of the picture.
     pub fn set_part(&mut self, part: Part) {
         self.part = Some(part);
     }
 
-    /// The angle in degrees by which the map is turned.
+    /// Returns the angle in degrees by which the map is turned.
     pub fn rotation(&self) -> f32 {
         self.rotation
     }
 
-    /// What the map's light is multiplied by.
+    /// Returns the factors of the map's light.
     pub fn scale(&self) -> Vec3A {
         self.scale
     }
 
-    /// The part of the picture that is rendered.
+    /// Returns the part of the picture that is rendered.
     pub fn part(&self) -> Part {
         self.part.unwrap_or(self.view().whole())
     }
@@ -303,21 +306,22 @@ impl OpenedView {
     ) -> Rendering {
         let part = self.part();
         let rendering = integrator::render_part(self.view(), part, estimator, budget.into(), points, stop, progress);
-        // A factor of one would change pictures that are not finite.
+        // Even a factor of 1 would change pictures that are not finite.
         if self.scale == Vec3A::ONE { rendering } else { rendering.lit_by(self.scale) }
     }
 
-    /// The camera in the coordinates of the scene, before it was turned.
+    /// Returns the camera in the coordinates of the scene before it was turned.
     pub fn own_camera(&self) -> Camera {
         self.camera.moved(&Affine3A::from_rotation_y(self.rotation.to_radians()))
     }
 
-    /// The points of a rendering with a budget.
+    /// Returns the points of a rendering with a budget.
     pub fn points(&self, budget: Budget, seed: u64) -> Points {
         Points::new(self.points.for_budget(budget), seed)
     }
 
-    /// The scene's name with the material that it was given, and what else differs from direct light on all of the picture.
+    /// Returns the scene's name with its material, and with everything else that differs from direct light on
+    /// the whole picture.
     pub fn scene_name(&self) -> String {
         let name = self.scene.name();
         let name = self.material.as_ref().map_or_else(|| name.to_owned(), |material| format!("{name} of {material}"));
@@ -329,7 +333,7 @@ impl OpenedView {
         self.part.map_or(name.clone(), |part| format!("{name}, pixels {}", part_text(part)))
     }
 
-    /// The map's name, with what was changed of its light.
+    /// Returns the map's name with the changes of its light.
     pub fn light_name(&self) -> String {
         let [r, g, b] = self.scale.to_array();
         let turned = if self.rotation == 0.0 { String::new() } else { format!(", turned by {}\u{b0}", self.rotation) };
@@ -347,7 +351,7 @@ impl OpenedView {
     }
 }
 
-/// A part of a picture as `LEFT,TOP,WIDTH,HEIGHT`.
+/// Formats a part of a picture as `LEFT,TOP,WIDTH,HEIGHT`.
 pub fn part_text(part: Part) -> String {
     format!("{},{},{},{}", part.left, part.top, part.width, part.height)
 }
@@ -357,7 +361,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_say_what_was_changed_of_the_light() {
+    fn names_describe_changes_of_the_light() {
         let mut view = ViewSettings::new("plane", "overcast", CameraSettings::of_size(8, 6)).open().unwrap();
         assert_eq!(view.light_name(), "overcast");
         view.set_light(-90.0, Vec3A::splat(2.0)).unwrap();

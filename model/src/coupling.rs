@@ -1,4 +1,4 @@
-//! A coupling layer: one coordinate goes through a spline whose logits depend on the condition and on the other coordinate.
+//! A coupling layer: a spline of one coordinate, with logits from the condition and the other coordinate.
 
 use std::f64::consts::TAU;
 
@@ -23,7 +23,7 @@ pub enum Coordinate {
 }
 
 impl Coordinate {
-    /// How the coordinate's ends are joined.
+    /// Returns how the coordinate's ends are joined.
     pub const fn topology(self) -> Topology {
         match self {
             Self::Azimuth => Topology::Circle,
@@ -31,7 +31,7 @@ impl Coordinate {
         }
     }
 
-    /// Number of features that [`features`](Self::features) gives.
+    /// Returns the number of features in [`features`](Self::features).
     pub const fn feature_count(self) -> usize {
         match self {
             Self::Azimuth => 2,
@@ -39,7 +39,8 @@ impl Coordinate {
         }
     }
 
-    /// What a network sees of the coordinate, `[conditions, samples, features]`: `(cos 2 pi u, sin 2 pi u)`, or `v` as it is.
+    /// Returns the coordinate as network inputs `[conditions, samples, features]`:
+    /// `(cos 2 pi u, sin 2 pi u)`, or `v` unchanged.
     pub fn features(self, values: Tensor<2>) -> Tensor<3> {
         match self {
             Self::Azimuth => {
@@ -62,9 +63,10 @@ pub struct Coupling {
 }
 
 impl Coupling {
-    /// A layer that transforms `target` and sees the coordinate `other`, or, with `None`, the condition alone.
+    /// Builds a layer that transforms `target` and depends on the coordinate `other` or, with `None`, on the
+    /// condition alone.
     ///
-    /// `shape.features` is set here.
+    /// Overrides `shape.features`.
     pub fn new(
         target: Coordinate,
         other: Option<Coordinate>,
@@ -77,18 +79,18 @@ impl Coupling {
         Self { network: SplineNetwork::new(shape, leaky_slope, initializer, device), target, other }
     }
 
-    /// The logits under conditions `[conditions, length]` and the other coordinate's values.
+    /// Returns the logits for conditions `[conditions, length]` and the other coordinate's values.
     pub fn logits(&self, other: &Tensor<2>, condition: Tensor<2>) -> Tensor<3> {
         let features = self.other.map(|coordinate| coordinate.features(other.clone()));
         self.network.forward(condition, features)
     }
 
-    /// `y -> (z, ln |dz/dy|)` of the target coordinate.
+    /// Maps `y -> (z, ln |dz/dy|)` for the target coordinate.
     pub fn inverse(&self, y: Tensor<2>, other: &Tensor<2>, condition: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         spline::inverse(self.target.topology(), y, &self.logits(other, condition))
     }
 
-    /// `z -> (y, ln |dz/dy|)` of the target coordinate.
+    /// Maps `z -> (y, ln |dz/dy|)` for the target coordinate.
     pub fn forward(&self, z: Tensor<2>, other: &Tensor<2>, condition: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         spline::forward(self.target.topology(), z, &self.logits(other, condition))
     }

@@ -1,6 +1,6 @@
 //! Errors of the model crate.
 
-/// What can be wrong with a head's configuration or its weights.
+/// An invalid head configuration or invalid weights.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// A field of the configuration is out of range.
@@ -10,21 +10,21 @@ pub enum Error {
         field: &'static str,
         /// Its value.
         value: String,
-        /// The range it must lie in.
+        /// The permitted range.
         requirement: &'static str,
     },
-    /// A weight that the architecture has is missing.
+    /// A weight of the architecture is missing.
     #[error("the weight `{0}` is missing")]
     MissingWeight(String),
-    /// A weight that the architecture does not have.
+    /// A weight is not part of the architecture.
     #[error("the weight `{0}` does not belong to this architecture")]
     UnknownWeight(String),
-    /// A weight of the wrong shape.
+    /// A weight has the wrong shape.
     #[error("the weight `{name}` has shape {found:?} and {values} values, expected shape {expected:?}")]
     WeightShape {
         /// The weight's name.
         name: String,
-        /// The shape that the architecture asks for.
+        /// The shape in the architecture.
         expected: Vec<usize>,
         /// The shape given.
         found: Vec<usize>,
@@ -36,13 +36,13 @@ pub enum Error {
     NonFiniteWeight(String),
 }
 
-/// The crate's result.
+/// The crate's result type.
 pub type Result<T> = std::result::Result<T, Error>;
 
 /// Checks that a field of a configuration is in its range.
 ///
 /// # Errors
-/// [`Error::Config`] if it is not.
+/// [`Error::Config`] if the value is out of range.
 pub fn within<T: Copy + PartialOrd + std::fmt::Display>(
     field: &'static str,
     value: T,

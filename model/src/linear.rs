@@ -1,4 +1,4 @@
-//! Affine layers with host-side initialisation and named access; the values are the same on every backend.
+//! Affine layers with host-side initialisation and named access; initial values are equal on every backend.
 
 use burn::{
     module::Param,
@@ -20,9 +20,11 @@ impl Initializer {
         Self(Stream::new(seed, Purpose::Weights, 0))
     }
 
-    /// An affine layer as PyTorch initialises its `Linear`: weight and bias uniform in `+-1 / sqrt(inputs)`.
+    /// Returns an affine layer initialised as PyTorch's `Linear`: weight and bias uniform in
+    /// `+-1 / sqrt(inputs)`.
     ///
-    /// That is `kaiming_uniform_(a = sqrt(5))` for the weight (He et al. 2015): bound `sqrt(6 / ((1 + a^2) inputs))`.
+    /// This is `kaiming_uniform_(a = sqrt(5))` for the weight (He et al. 2015): bound
+    /// `sqrt(6 / ((1 + a^2) inputs))`.
     pub fn linear(&mut self, inputs: usize, outputs: usize, device: &Device) -> Linear {
         let bound = 1.0 / (inputs as f32).sqrt();
         let mut draw =
@@ -33,7 +35,7 @@ impl Initializer {
     }
 }
 
-/// An affine layer of zeros.
+/// Returns an affine layer of zeros.
 pub fn zeros(inputs: usize, outputs: usize, device: &Device) -> Linear {
     from_row_major(&vec![0.0; inputs * outputs], &vec![0.0; outputs], inputs, device)
 }
@@ -70,7 +72,7 @@ pub(crate) fn export(layers: &[Linear], part: &str, weights: &mut Vec<NamedTenso
     }
 }
 
-/// Number of values of some layers.
+/// Returns the number of values in the layers.
 pub(crate) fn count<'a>(layers: impl Iterator<Item = &'a Linear>) -> usize {
     layers.map(value_count).sum()
 }
@@ -80,7 +82,7 @@ fn value_count(layer: &Linear) -> usize {
     (inputs + 1) * outputs
 }
 
-/// All values in one list: layer by layer a row-major `[out, in]` weight, then a bias.
+/// Returns all values in one list: layer by layer a row-major `[out, in]` weight, then a bias.
 pub(crate) fn flat_weights<'a>(layers: impl Iterator<Item = &'a Linear>) -> Vec<f32> {
     let mut flat = Vec::new();
     for layer in layers {
@@ -89,7 +91,7 @@ pub(crate) fn flat_weights<'a>(layers: impl Iterator<Item = &'a Linear>) -> Vec<
     flat
 }
 
-/// Gradients in the order of [`flat_weights`]; 0 where the loss does not depend on a weight.
+/// Returns the gradients in the order of [`flat_weights`]; 0 where the loss does not depend on a weight.
 pub(crate) fn flat_gradients<'a>(layers: impl Iterator<Item = &'a Linear>, gradients: &GradientsParams) -> Vec<f32> {
     let mut flat = Vec::new();
     for layer in layers {
@@ -100,10 +102,10 @@ pub(crate) fn flat_gradients<'a>(layers: impl Iterator<Item = &'a Linear>, gradi
     flat
 }
 
-/// Gives layers the values of a list in the order of [`flat_weights`].
+/// Sets the layers' values from a list in the order of [`flat_weights`].
 ///
 /// # Panics
-/// If the list has another length.
+/// If the list has a different length.
 pub(crate) fn set_flat<'a>(layers: impl Iterator<Item = &'a mut Linear>, mut flat: &[f32], device: &Device) {
     for layer in layers {
         let [inputs, _] = layer.weight.val().dims();
@@ -115,14 +117,16 @@ pub(crate) fn set_flat<'a>(layers: impl Iterator<Item = &'a mut Linear>, mut fla
     assert!(flat.is_empty(), "one number for each weight");
 }
 
-/// Appends a row-major `[out, in]` weight and a bias to `flat`, given as burn's tensors (`[in, out]` and `[out]`).
+/// Appends a weight and a bias, given as burn's tensors (`[in, out]` and `[out]`), to `flat`, row-major
+/// `[out, in]`.
 fn flatten(weight: Tensor<2>, bias: Option<Tensor<1>>, flat: &mut Vec<f32>) {
     let [inputs, outputs] = weight.dims();
     flat.extend(transpose(&read(weight), inputs, outputs));
     flat.extend(bias.map_or_else(|| vec![0.0; outputs], read));
 }
 
-/// Takes the weights of `part` out of `weights` (see [`export`]), checked against the shapes of `layers`.
+/// Removes the weights of `part` from `weights` (see [`export`]) and checks them against the shapes of
+/// `layers`.
 pub(crate) fn import(
     layers: &[Linear],
     part: &str,
@@ -152,15 +156,17 @@ fn take(weights: &mut Vec<NamedTensor>, name: String, expected: &[usize]) -> Res
     Ok(values)
 }
 
-/// `x W` for `x` of `[conditions, samples, in]` with the columns `first..first + in` of the layer's inputs only.
+/// Returns `x W` for `x` of shape `[conditions, samples, in]`, with columns `first..first + in` of the
+/// layer's inputs only.
 ///
-/// A spline network applies the condition's columns once per condition and those of the coordinate once per sample.
+/// A spline network applies the condition's columns once per condition and the coordinate's columns once per
+/// sample.
 pub(crate) fn partial(linear: &Linear, first: usize, x: Tensor<3>) -> Tensor<3> {
     let [_, _, inputs] = x.dims();
     x.matmul(linear.weight.val().narrow(0, first, inputs).unsqueeze())
 }
 
-/// `x W + b` of [`partial`] with the layer's first inputs.
+/// Returns `x W + b` for the layer's first inputs, see [`partial`].
 pub(crate) fn affine(linear: &Linear, x: Tensor<3>) -> Tensor<3> {
     let product = partial(linear, 0, x);
     match &linear.bias {
@@ -169,10 +175,10 @@ pub(crate) fn affine(linear: &Linear, x: Tensor<3>) -> Tensor<3> {
     }
 }
 
-/// `max(x, 0) + slope min(x, 0)`.
+/// Returns `max(x, 0) + slope min(x, 0)`.
 ///
-/// Written with `relu`, whose gradient is one pass: the tensor library's own leaky ReLU masks, which takes a tenth of a
-/// training step on a CPU. `x - relu(x)` is exact, so the values are the same to the bit.
+/// Uses `relu`, whose gradient is one pass: burn's leaky ReLU masks, which takes 10 % of a training step on a
+/// CPU. `x - relu(x)` is exact, so the values are bit-identical.
 pub(crate) fn leaky_relu<const D: usize>(x: Tensor<D>, slope: f64) -> Tensor<D> {
     let positive = relu(x.clone());
     (x - positive.clone()).mul_scalar(slope) + positive
@@ -183,7 +189,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn initial_weights_are_a_function_of_the_seed_alone() {
+    fn initial_weights_depend_only_on_the_seed() {
         let device = Device::flex();
         let draw = |seed: u64| read(Initializer::new(seed).linear(3, 5, &device).weight.val());
         assert_eq!(draw(7), draw(7));
@@ -191,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn initial_weights_keep_to_the_bound_and_fill_it() {
+    fn initial_weights_fill_the_range_within_the_bound() {
         let mut weights = Vec::new();
         export(&[Initializer::new(1).linear(64, 64, &Device::flex())], "l", &mut weights);
         for weight in &weights {
@@ -214,14 +220,14 @@ mod tests {
     }
 
     #[test]
-    fn leaky_relu_is_that_of_the_tensor_library() {
+    fn leaky_relu_equals_that_of_the_tensor_library() {
         let x = Tensor::<2>::from_data([[-3.7, -1e-30, 0.0, 1e-30, 0.3, 1e20, -1e20]], &Device::flex());
         let expected = burn::tensor::activation::leaky_relu(x.clone(), 0.01);
         assert_eq!(read(leaky_relu(x, 0.01)), read(expected));
     }
 
     #[test]
-    fn wrong_weights_are_refused_by_name() {
+    fn invalid_weights_are_rejected_by_name() {
         let device = Device::flex();
         let linear = [zeros(2, 1, &device)];
         let good = |name: &str, shape: &[usize], values: &[f32]| NamedTensor {

@@ -1,4 +1,4 @@
-//! The network that gives a spline its logits.
+//! The network that predicts a spline's logits.
 
 use burn::{
     module::Module,
@@ -11,7 +11,7 @@ use crate::linear::{self, Initializer};
 /// Sizes of a spline network.
 #[derive(Clone, Copy, Debug)]
 pub struct SplineNetworkShape {
-    /// Length of the condition (with the encoder's output, where there is one).
+    /// Length of the condition, including the encoder's output if there is an encoder.
     pub condition: usize,
     /// Features of the other coordinate: 2 for the circle, 1 for the interval, 0 for none.
     pub features: usize,
@@ -23,7 +23,7 @@ pub struct SplineNetworkShape {
     pub outputs: usize,
 }
 
-/// A perceptron with leaky ReLU after every layer but the last; inputs in the order (condition, coordinate features).
+/// A perceptron with leaky ReLU after all layers but the last; inputs: condition, coordinate features.
 ///
 /// The last layer starts at zero, so that the spline starts as the identity.
 #[derive(Module, Debug)]
@@ -45,12 +45,13 @@ impl SplineNetwork {
         Self { linears, leaky_slope }
     }
 
-    /// Logits `[conditions, samples, outputs]` of conditions `[conditions, length]` and features
+    /// Returns logits `[conditions, samples, outputs]` for conditions `[conditions, length]` and features
     /// `[conditions, samples, features]`; without features `[conditions, 1, outputs]`.
     ///
-    /// The condition's part of the first layer is computed once per condition. Samples stay in a matrix for each condition:
-    /// the gradient of a weight is then a sum over the conditions of products of matrices, which a GPU computes side by
-    /// side. As one product over all samples it is a single group of threads that adds up a quarter of a million terms.
+    /// The condition's part of the first layer is computed once per condition. Samples form one matrix per
+    /// condition: the gradient of a weight is then a sum of matrix products over the conditions, which a GPU
+    /// computes in parallel. As one product over all samples, a single thread group would sum about 250,000
+    /// terms.
     pub fn forward(&self, condition: Tensor<2>, features: Option<Tensor<3>>) -> Tensor<3> {
         let [_, length] = condition.dims();
         let first = &self.linears[0];

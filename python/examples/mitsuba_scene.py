@@ -1,4 +1,4 @@
-"""A scene of Mitsuba's, changed by one word."""
+"""A Mitsuba scene with one changed word."""
 
 import mitsuba as mi
 

@@ -1,4 +1,4 @@
-"""Arrays as the compiled part takes them: contiguous, of 32-bit floats, in rows; without a copy where they are that already."""
+"""Converts arrays to contiguous rows of 32-bit floats, without a copy where possible."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from ._native import HeadtailError
 
 
 def view(value, name):
-    """A numpy array of anything that is one: numpy's, DLPack's on the CPU, lists."""
+    """Returns a numpy array from numpy arrays, DLPack arrays on the CPU, or lists."""
     if isinstance(value, np.ma.MaskedArray):
         if np.ma.is_masked(value):
             raise HeadtailError(f"{name}: is a masked array; say what its masked elements are, as in array.filled(0)")
@@ -22,7 +22,7 @@ def view(value, name):
 
 
 def floats(value, name):
-    """A contiguous array of 32-bit floats."""
+    """Returns a contiguous array of 32-bit floats."""
     array = view(value, name)
     if array.dtype.kind not in "fiu":
         raise HeadtailError(f"{name}: holds {array.dtype}, not real numbers")
@@ -30,7 +30,7 @@ def floats(value, name):
 
 
 def rows(value, name, width):
-    """An array [count, width]; a single row may leave its first dimension out."""
+    """Returns an array [count, width]; a single row may omit its first dimension."""
     array = floats(value, name)
     if array.shape == (width,):
         array = array[None]
@@ -40,7 +40,7 @@ def rows(value, name, width):
 
 
 def numbers(value, name):
-    """An array [count] of one number for each row, or for all."""
+    """Returns an array [count], or one number for all rows."""
     array = floats(value, name)
     array = array[None] if array.ndim == 0 else array
     if array.ndim != 1:
@@ -49,7 +49,7 @@ def numbers(value, name):
 
 
 def result(out, name, shape):
-    """The array that a result is written to: a new one, or `out`, which must fit as it is."""
+    """Returns the array for a result: a new one, or `out`, which must match exactly."""
     if out is None:
         return np.empty(shape, np.float32)
     array = out if isinstance(out, np.ndarray) else _writable(out, name)
@@ -62,7 +62,8 @@ def result(out, name, shape):
 
 
 def _writable(out, name):
-    """A view of another library's array. Old forms of DLPack cannot say that they may be written to; numpy's own protocol can."""
+    """Returns a writable view of another library's array. Old versions of DLPack cannot declare this; numpy's
+    protocol can."""
     array = view(out, name)
     if not array.flags.writeable and hasattr(out, "__array__"):
         other = np.asarray(out)

@@ -11,14 +11,16 @@ class Environment:
     """An environment map: a built-in one (overcast, window, studio, sunset), a Radiance .hdr or OpenEXR file, or an array."""
 
     def __init__(self, name_or_path, *, layout=None, layer=None):
-        """Opens a map. `layout` is one of latlong, equal-area, cube, cross and angular, where the file does not say so itself; `layer`
-        names the layer of an OpenEXR file that is the light. Values that had to be repaired are warned of; see `warnings` and `notes`."""
+        """Opens a map. `layout` (latlong, equal-area, cube, cross or angular) is needed if the file does not
+        state it; `layer` selects the layer of an OpenEXR file. Repaired values raise warnings; see `warnings`
+        and `notes`."""
         self._native = _native.Environment.open(os.fspath(name_or_path), layout, layer)
         self._warn(name_or_path)
 
     @classmethod
     def from_array(cls, texels, name="array", *, layout=None):
-        """A map of linear Rec.709 radiance `[height, width, 3]`, rows from the top; other layouts than latlong are converted."""
+        """Creates a map from linear Rec.709 radiance `[height, width, 3]`, rows from the top; layouts other
+        than latlong are converted."""
         texels = floats(texels, "texels")
         if texels.ndim != 3 or texels.shape[2] != 3:
             raise _native.HeadtailError(f"texels: has the shape {texels.shape}, not [height, width, 3]")
@@ -43,17 +45,17 @@ class Environment:
 
     @property
     def hash(self):
-        """Hexadecimal BLAKE3 hash of size and texels, by which sampler files know their map."""
+        """Hexadecimal BLAKE3 hash of size and texels, which identifies the map in sampler files."""
         return self._native.hash
 
     @property
     def notes(self):
-        """One sentence for each conversion that the file asked for, and for the layer that was chosen."""
+        """One message per conversion that the file required, and for the chosen layer."""
         return self._native.notes
 
     @property
     def warnings(self):
-        """One sentence for each kind of value that had to be repaired."""
+        """One message per kind of repaired value."""
         return self._native.warnings
 
     def array(self):
@@ -72,7 +74,7 @@ class Environment:
 
 
 def environment(value):
-    """A map of a map, a name, a path or an array."""
+    """Returns a map from a map, a name, a path or an array."""
     if isinstance(value, Environment):
         return value
     if isinstance(value, (str, os.PathLike)):

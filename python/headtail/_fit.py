@@ -20,11 +20,13 @@ def fit(
     reproducible=False,
     **settings,
 ):
-    """Trains a head for a map; a `Sampler`, which `save` writes to a file.
+    """Trains a head for a map and returns a `Sampler`, which `save` writes to a file.
 
-    material: "lambert", "ggx:alpha=0.4", "ggx:alpha=0.2..0.8". settings: any key that `settings()` prints, tables as dictionaries:
-    steps=3000, head={"bins": 16}, over="patches" (by default with the preset "over-patches"). progress: called after every step with a dictionary of step, steps, loss, kl, relative_variance, seconds.
-    Ctrl-C raises KeyboardInterrupt after the current step; with checkpoint_dir, resume=True goes on from there.
+    material: "lambert", "ggx:alpha=0.4", "ggx:alpha=0.2..0.8". settings: any key of
+    `settings()`, tables as dictionaries: steps=3000, head={"bins": 16}, over="patches" (by default with the
+    preset "over-patches"). progress: called after every step with a dictionary of step, steps, loss, kl,
+    relative_variance, seconds.
+    Ctrl-C raises KeyboardInterrupt after the current step; with checkpoint_dir, resume=True continues from there.
     """
     checkpoints = None
     if checkpoint_dir is not None:
@@ -38,22 +40,22 @@ def fit(
 
 
 def settings(material=None, *, preset=None, **settings):
-    """Every setting of a run and its value, as a text in TOML."""
+    """Returns all settings of a run as TOML text."""
     return _native.settings(material, _preset(preset, settings), _assignments(settings))
 
 
 def _preset(preset, settings):
-    """The preset that is meant: heads over patches have one of their own."""
+    """Returns the preset; heads over patches have one of their own."""
     return "over-patches" if preset is None and settings.get("over", "tail") != "tail" else preset
 
 
 def _assignments(settings, path=""):
-    """`key.of.field = value` in TOML, of nested dictionaries."""
+    """Returns `key.of.field = value` lines in TOML from nested dictionaries."""
     lines = []
     for key, value in settings.items():
         if isinstance(value, dict):
             lines += _assignments(value, f"{path}{key}.")
         else:
-            # JSON's texts, numbers and booleans are TOML's too.
+            # JSON's strings, numbers and booleans are valid TOML.
             lines.append(f"{path}{key}={json.dumps(value)}")
     return lines

@@ -1,4 +1,4 @@
-"""Pictures and comparisons of the native renderer."""
+"""Renderings and comparisons by the native renderer."""
 
 import json
 import math
@@ -15,8 +15,8 @@ from ._sampler import Sampler
 
 
 class Rendering(NamedTuple):
-    """A picture: linear Rec.709 [height, width, 3], the share of each pixel that surfaces cover [height, width], and how it came about; `sampler`
-    is what "auto" chose, or what was given."""
+    """A picture: linear Rec.709 [height, width, 3], the covered fraction of each pixel [height, width], and
+    facts about the rendering; `sampler` is the choice of "auto", or the given sampler."""
 
     image: np.ndarray
     coverage: np.ndarray
@@ -27,27 +27,28 @@ class Rendering(NamedTuple):
 
 
 class Scene:
-    """A built-in scene (temple, dishes, ...) or a glTF 2.0 file; material, ground and camera as on the command line."""
+    """A built-in scene (temple, dishes, ...) or a glTF 2.0 file, with material, ground and camera as on the
+    command line."""
 
     def __init__(self, name_or_path, *, material=None, ground=False, camera=None):
-        """Opens a scene; what of its file is not shown is warned of, see `warnings` and `notes`."""
+        """Opens a scene; unsupported parts of its file raise warnings, see `warnings` and `notes`."""
         self._native = _native.Scene.open(os.fspath(name_or_path), material, ground, camera)
         for text in self.warnings:
             warnings.warn(f"{name_or_path}: {text}", stacklevel=2)
 
     @property
     def notes(self):
-        """One sentence for each conversion that the file asked for."""
+        """One message per conversion that the file required."""
         return self._native.notes
 
     @property
     def warnings(self):
-        """One sentence for each thing of the file that is not shown."""
+        """One message per unsupported part of the file."""
         return self._native.warnings
 
     @property
     def triangle_count(self):
-        """How many triangles."""
+        """Number of triangles."""
         return self._native.triangle_count
 
     def triangles(self):
@@ -56,12 +57,12 @@ class Scene:
 
     @property
     def camera(self):
-        """(position, the point that it looks at, vertical field of view in degrees)"""
+        """(position, target, vertical field of view in degrees)"""
         return self._native.camera
 
     @property
     def is_diffuse(self):
-        """Whether all surfaces are Lambert's."""
+        """Whether all surfaces are Lambertian."""
         return self._native.is_diffuse
 
     def __repr__(self):
@@ -69,10 +70,10 @@ class Scene:
 
 
 class Reference(NamedTuple):
-    """What errors are measured against.
+    """The image that errors are measured against.
 
     image: linear Rec.709 [height, width, 3]. covered: the measured pixels, which surfaces cover entirely [height, width]. spp: samples per
-    pixel; 0 for a given picture. mse, relmse: its own errors; NaN where they are unknown.
+    pixel; 0 for a given picture. mse, relmse: its own errors; NaN if unknown.
     """
 
     image: np.ndarray
@@ -100,7 +101,8 @@ def render(
     fov=None,
     progress=None,
 ):
-    """Renders one picture. sampler: a `Sampler`, or a SPEC, which needs env; "auto" chooses by a short pilot rendering. Ctrl-C raises KeyboardInterrupt after the current pass."""
+    """Renders one picture. sampler: a `Sampler`, or a SPEC, which needs env; "auto" chooses by a short pilot
+    rendering. Ctrl-C raises KeyboardInterrupt after the current pass."""
     scene = scene if isinstance(scene, Scene) else Scene(scene)
     if not isinstance(sampler, Sampler):
         if env is None:
@@ -128,14 +130,14 @@ def compare(
 
     samplers: SPECs or `Sampler`s. spp, seconds: budgets of a run. seed: of the first run; run k has seed + k. The first run of every sampler
     at every budget comes before the second of any. view: size, camera, points, depth and unshadowed of `render`. progress: called with the
-    fraction of the runs that is done. Ctrl-C raises KeyboardInterrupt after the current run.
+    completed fraction of the runs. Ctrl-C raises KeyboardInterrupt after the current run.
 
     Errors are means over the pixels that surfaces cover entirely. The reference is rendered with `patches` in two independent halves, whose
-    difference gives its noise; the noise is subtracted from the errors. reference_spp: samples per pixel of the reference; up to four times
-    as many are taken until its noise is at most 5 % of the smallest MSE. reference: a `Reference` of an earlier call, or a picture
+    difference gives its noise; the noise is subtracted from the errors. reference_spp: samples per pixel of the reference, increased up to
+    4x until its noise is at most 5 % of the smallest MSE. reference: a `Reference` of an earlier call, or a picture
     [height, width, 3], to use instead.
 
-    Returns (runs, `Reference`). runs: a structured array with the fields of `headtail compare --json`, NaN where a number is unknown.
+    Returns (runs, `Reference`). runs: a structured array with the fields of `headtail compare --json`, NaN for unknown numbers.
     """
     scene = scene if isinstance(scene, Scene) else Scene(scene)
     env, view = environment(env), _view(**view)
@@ -162,7 +164,7 @@ def compare(
 
 
 def _table(rows):
-    """A structured array of equal dictionaries. JSON has no NaN but null."""
+    """Returns a structured array from dictionaries with equal keys. JSON has null instead of NaN."""
     columns = {name: np.array([math.nan if row[name] is None else row[name] for row in rows]) for name in rows[0]}
     table = np.empty(len(rows), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():

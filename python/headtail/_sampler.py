@@ -12,7 +12,7 @@ from ._environment import environment
 
 
 class Draws(NamedTuple):
-    """Directions that were drawn; where the pdf is 0 there is no sample, and the others are 0."""
+    """Sampled directions. Rows with pdf 0 are rejected samples; their other values are 0."""
 
     wi: np.ndarray
     pdf: np.ndarray
@@ -20,7 +20,7 @@ class Draws(NamedTuple):
 
 
 class Sampler:
-    """Draws directions for batches of shading points. Made by `from_spec`, `open`, `bake` or `fit`."""
+    """Samples directions for batches of shading points. Created by `from_spec`, `open`, `bake` or `fit`."""
 
     def __init__(self, native):
         if not isinstance(native, _native.Sampler):
@@ -29,26 +29,27 @@ class Sampler:
 
     @classmethod
     def from_spec(cls, spec, env):
-        """The sampler of a SPEC for a map: "auto", which is "patches" where there is no scene; "mis", "direct:FILE", "head+mis:FILE", ... as on the command line."""
+        """Creates the sampler of a SPEC for a map: "auto" ("patches" without a scene), "mis", "direct:FILE",
+        "head+mis:FILE", ... as on the command line."""
         return cls(_native.Sampler.from_spec(spec, environment(env)._native))
 
     @classmethod
     def open(cls, path, env=None):
-        """The sampler of a file. Without its map there is no radiance."""
+        """Opens a sampler file. Without its map there is no radiance."""
         return cls(_native.Sampler.open(os.fspath(path), None if env is None else environment(env)._native))
 
     @property
     def info(self):
-        """What the sampler is: its name, and what its file says."""
+        """The sampler's name and the metadata of its file."""
         description = self._native.description()
         return {"name": self._native.name, **(json.loads(description) if description else {})}
 
     def sample(self, n, wo=None, alpha=None, f0=None, u=None, *, count=None, seed=0, radiance=True, out=None):
-        """Draws a direction for each row.
+        """Samples a direction per row.
 
-        n: unit shading normals [count, 3], or one for all. wo: unit directions to the viewer; the normals where left out. alpha: Trowbridge-Reitz
-        widths (and f0 reflectances at normal incidence, 1 by default) of glossy surfaces; diffuse ones where left out. u: points of [0, 1)^2;
-        random numbers of `seed` where left out. out: (wi, pdf, radiance) to write to, each may be None.
+        n: unit shading normals [count, 3], or one for all. wo: unit directions to the viewer, by default the normals. alpha: Trowbridge-Reitz
+        widths (and f0 reflectances at normal incidence, 1 by default) of glossy surfaces; diffuse by default. u: points of [0, 1)^2; by
+        default random numbers from `seed`. out: (wi, pdf, radiance) to write to, each may be None.
         """
         n, wo, surface = _points(n, wo, alpha, f0)
         u = None if u is None else rows(u, "u", 2)
@@ -62,7 +63,7 @@ class Sampler:
         return Draws(wi, pdf, light)
 
     def pdf(self, wi, n, wo=None, alpha=None, f0=None, *, out=None):
-        """The solid-angle pdfs [count] with which `sample` draws unit directions."""
+        """Returns the solid-angle pdfs [count] of unit directions under `sample`."""
         n, wo, surface = _points(n, wo, alpha, f0)
         wi = rows(wi, "wi", 3)
         count = _count(None, n, wo, *(surface or ()), wi)
@@ -73,7 +74,7 @@ class Sampler:
         return out
 
     def save(self, path):
-        """Writes the sampler's file: those of `bake`, `fit` and `open` have one."""
+        """Writes the sampler's file; only samplers of `bake`, `fit` and `open` have one."""
         self._native.save(os.fspath(path))
 
     def __repr__(self):
@@ -81,7 +82,7 @@ class Sampler:
 
 
 def bake(source, *, normals=(16, 32), cells=(32, 32), tail="hierarchical"):
-    """The table of a map (light x cosine itself, no training), or of a trained head: a `Sampler`."""
+    """Tabulates a map (light x cosine, without training) or a trained head; returns a `Sampler`."""
     if isinstance(source, Sampler):
         if not hasattr(_native, "bake_head"):
             raise _native.HeadtailError("bake: heads are baked by builds with training alone")
@@ -100,7 +101,8 @@ def _points(n, wo, alpha, f0):
 
 
 def _count(count, *arrays):
-    """The number of rows: that of the longest array; the compiled part refuses others that are not 1."""
+    """Returns the number of rows: that of the longest array. The compiled part rejects other lengths except
+    1."""
     if count is None:
         return max(len(array) for array in arrays if array is not None)
     count = int(count)
@@ -127,7 +129,7 @@ def _grid(shape, name):
 
 
 def _check_apart(*arrays):
-    """Results that lie over each other would be written at the same time."""
+    """Rejects overlapping result arrays, which would be written concurrently."""
     arrays = [array for array in arrays if array is not None]
     for k, first in enumerate(arrays):
         if any(np.may_share_memory(first, other) for other in arrays[:k]):

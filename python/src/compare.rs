@@ -23,12 +23,12 @@ use crate::{
     sampler::Sampler,
 };
 
-/// How often signals are handled.
+/// Interval for handling signals.
 const POLL: Duration = Duration::from_millis(50);
 
 /// Measures samplers: returns the runs as a JSON array of `Measurement`s, and the fields of the `Reference`.
 ///
-/// `reference` is a picture to use instead, with its MSE and relMSE, NaN where they are unknown.
+/// `reference` is a picture to use instead, with its MSE and relMSE, NaN if unknown.
 #[pyfunction]
 #[pyo3(signature = (scene, environment, samplers, view, spp, seconds, runs, seed, reference_spp, reference, progress))]
 #[expect(clippy::too_many_arguments, reason = "the settings of one comparison")]
@@ -63,7 +63,7 @@ pub fn compare<'py>(
         watch_over(&watch, |fraction| {
             let place = (&view, &plan.budgets[..], &watch.stop);
             let entries = samplers.iter().map(|sampler| entry(sampler.get(), place)).collect::<PyResult<Vec<_>>>()?;
-            // Of a picture from elsewhere, a short rendering finds the covered pixels.
+            // For a given picture, a short rendering finds the covered pixels.
             let policy = ReferencePolicy::new(if given.is_some() { 64 } else { reference_spp }, seed);
             let mut reference = Reference::render(&view, policy, &watch.stop, &|_| {}).map_err(of_eval)?;
             if let Some((pixels, [mse, relmse])) = given {
@@ -88,7 +88,7 @@ pub fn compare<'py>(
     Ok((rows, result))
 }
 
-/// A sampler that is ready to render. Its preparation counts the time to build it here and the times in its files.
+/// Builds a sampler. Its preparation includes the time to build it here and the times in its files.
 fn entry(sampler: &Sampler, place: (&OpenedView, &[Budget], &AtomicBool)) -> PyResult<Entry> {
     if let Some(spec) = sampler.spec.as_ref().filter(|spec| *spec.source() == Source::Auto) {
         return Entry::open(&sampler.name, spec, 0.0, place).map_err(of_eval);
@@ -104,7 +104,8 @@ fn entry(sampler: &Sampler, place: (&OpenedView, &[Budget], &AtomicBool)) -> PyR
     Ok(Entry::prepared(&sampler.name, estimator, built + files))
 }
 
-/// Works on another thread while this one, which may be Python's main thread, handles signals. `work` gets the bits of the fraction that is done.
+/// Runs `work` on another thread while this one, possibly Python's main thread, handles signals. `work`
+/// stores the bits of the completed fraction.
 fn watch_over<T: Send>(watch: &Watch, work: impl FnOnce(&AtomicU64) -> T + Send) -> T {
     let fraction = AtomicU64::new(0);
     thread::scope(|scope| {
@@ -122,7 +123,7 @@ fn watch_over<T: Send>(watch: &Watch, work: impl FnOnce(&AtomicU64) -> T + Send)
     })
 }
 
-/// Keeps the fraction of the planned time that is done.
+/// Tracks the completed fraction of the planned time.
 struct Progress<'a> {
     planned: Cell<f64>,
     fraction: &'a AtomicU64,

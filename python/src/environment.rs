@@ -95,7 +95,7 @@ impl Environment {
     }
 }
 
-/// The texts of warnings, or those of notes.
+/// Returns the texts of warnings or of notes.
 pub fn remarks(remarks: &[Remark], warnings: bool) -> Vec<String> {
     remarks.iter().filter(|remark| remark.is_warning() == warnings).map(|remark| remark.text().to_owned()).collect()
 }
@@ -104,7 +104,7 @@ fn layout_of(name: &str) -> Result<MapLayout, Error> {
     name.parse().map_err(|reason| Error::argument(format!("layout '{name}'"), reason))
 }
 
-/// An image as `[height, width, 3]`.
+/// Returns an image as `[height, width, 3]`.
 pub fn array_of<'py>(
     py: Python<'py>,
     (height, width): (usize, usize),

@@ -1,4 +1,4 @@
-//! Errors of the crates as Python exceptions, with the same sentences.
+//! Maps errors of the crates to Python exceptions with the same messages.
 
 use pyo3::{
     create_exception,
@@ -8,7 +8,7 @@ use pyo3::{
 
 create_exception!(headtail, HeadtailError, PyValueError, "What a file holds or a caller gave cannot be used.");
 
-/// The exception of an error of the renderer: `OSError` where the system refused a file, else `headtail.HeadtailError`.
+/// Converts an error of the renderer: `OSError` for failed file access, else `headtail.HeadtailError`.
 pub fn of_render(error: headtail_render::Error) -> PyErr {
     match error {
         headtail_render::Error::Io { .. } => PyOSError::new_err(error.to_string()),
@@ -16,7 +16,7 @@ pub fn of_render(error: headtail_render::Error) -> PyErr {
     }
 }
 
-/// The exception of an error of a measurement.
+/// Converts an error of a measurement.
 pub fn of_eval(error: headtail_eval::Error) -> PyErr {
     match error {
         headtail_eval::Error::Render(error) => of_render(error),
@@ -24,13 +24,13 @@ pub fn of_eval(error: headtail_eval::Error) -> PyErr {
     }
 }
 
-/// The exception of an error of training.
+/// Converts an error of training.
 #[cfg(feature = "fit")]
 pub fn of_train(error: headtail_train::Error) -> PyErr {
     refused(error.to_string())
 }
 
-/// An exception with a sentence of its own.
+/// An exception with a custom message.
 pub fn refused(sentence: impl Into<String>) -> PyErr {
     HeadtailError::new_err(sentence.into())
 }

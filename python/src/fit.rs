@@ -22,7 +22,7 @@ use crate::{
     sampler::Sampler,
 };
 
-/// The configuration of a preset, assignments over it and a material.
+/// Returns the configuration of a preset with a material and assignments.
 fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[String]) -> PyResult<FitConfig> {
     let material: Option<MaterialSpec> = material.map(str::parse).transpose().map_err(of_render)?;
     let preset = match preset {
@@ -41,13 +41,13 @@ fn configuration(material: Option<&str>, preset: Option<&str>, assignments: &[St
     Ok(config)
 }
 
-/// All settings of a run, as TOML.
+/// Returns all settings of a run as TOML.
 #[pyfunction]
 pub fn settings(material: Option<&str>, preset: Option<&str>, assignments: Vec<String>) -> PyResult<String> {
     configuration(material, preset, &assignments)?.to_toml().map_err(of_train)
 }
 
-/// Trains a head. After Ctrl-C, or an exception of `progress`, the run ends with a checkpoint where there is a folder for them.
+/// Trains a head. Ctrl-C or an exception in `progress` ends the run, with a checkpoint if there is a folder.
 #[pyfunction]
 #[pyo3(signature = (environment, material, preset, assignments, checkpoints, reproducible, progress))]
 #[expect(clippy::too_many_arguments, reason = "the settings of one run")]
@@ -113,7 +113,7 @@ pub fn bake_head(py: Python<'_>, source: &Sampler, normals: [usize; 2], cells: [
     })
 }
 
-/// Lets Python look after a step: Ctrl-C, and a callback with what is known.
+/// Handles Ctrl-C and calls back after a step.
 fn tell(py: Python<'_>, callback: Option<&Py<PyAny>>, now: &Progress) -> PyResult<()> {
     py.check_signals()?;
     let Some(callback) = callback else { return Ok(()) };

@@ -1,6 +1,7 @@
-//! The compiled part of the Python package `headtail`: thin wrappers around the crates, with the interpreter lock released while they work.
+//! The compiled part of the Python package `headtail`: thin wrappers around the crates that release the
+//! interpreter lock during work.
 //!
-//! Shapes and types of arrays are brought into order by `headtail/_arrays.py`; what arrives here is contiguous f32. Values are checked by the crates.
+//! `headtail/_arrays.py` normalises shapes and types to contiguous f32. The crates check values.
 
 mod compare;
 mod environment;

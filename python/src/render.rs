@@ -1,4 +1,4 @@
-//! Pictures of the native renderer.
+//! The native renderer.
 
 use std::sync::{
     Arc, Mutex, PoisonError,
@@ -25,7 +25,7 @@ use crate::{
 #[pyclass(frozen, module = "headtail._native")]
 pub struct Scene {
     scene: Arc<scene::Scene>,
-    /// The material that every surface was given; empty for the scene's own.
+    /// The material of every surface; empty for the scene's own.
     pub material: String,
     remarks: Vec<Remark>,
 }
@@ -80,13 +80,13 @@ impl Scene {
         remarks(&self.remarks, true)
     }
 
-    /// The vertices of all triangles, `[triangles, 3, 3]`.
+    /// Returns the vertices of all triangles, `[triangles, 3, 3]`.
     fn triangles<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f32>>> {
         let vertices: Vec<[f32; 3]> = self.scene.triangles().flatten().map(Into::into).collect();
         array_of(py, (vertices.len() / 3, 3), &vertices)
     }
 
-    /// Position, target and vertical field of view in degrees of the camera.
+    /// Returns position, target and vertical field of view in degrees of the camera.
     #[getter]
     fn camera(&self) -> ([f32; 3], [f32; 3], f32) {
         let camera = self.scene.camera();
@@ -99,7 +99,7 @@ impl Scene {
     }
 }
 
-/// What `render` and `compare` take of a scene.
+/// The view arguments of `render` and `compare`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub struct ViewArguments {
@@ -114,7 +114,8 @@ pub struct ViewArguments {
 }
 
 impl ViewArguments {
-    /// The view of a scene under a map; `kept` finished pictures must fit into memory beside the one that is rendered.
+    /// Opens a scene under a map; `kept` finished pictures must fit into memory in addition to the current
+    /// one.
     pub fn open(&self, scene: &Scene, map: Arc<environment::Environment>, kept: usize) -> PyResult<OpenedView> {
         let Self { width, height, look_from, look_at, fov, ref points, .. } = *self;
         let points: PointChoice = points.parse().map_err(|error| refused(format!("points '{points}': {error}")))?;
@@ -127,7 +128,7 @@ impl ViewArguments {
     }
 }
 
-/// A budget of which exactly one kind is given.
+/// Returns the budget; exactly one kind must be given.
 pub fn budget(spp: Option<u32>, seconds: Option<f64>) -> PyResult<Budget> {
     match (spp, seconds) {
         (Some(spp), None) if spp > 0 => Ok(Budget::Samples(spp)),
@@ -176,7 +177,7 @@ pub fn render<'py>(
     Ok(result)
 }
 
-/// Ends work after Ctrl-C, and calls back with its progress.
+/// Stops work after Ctrl-C, and calls back with its progress.
 pub struct Watch {
     callback: Option<Py<PyAny>>,
     /// Set after Ctrl-C or an exception of the callback.
@@ -189,7 +190,7 @@ impl Watch {
         Self { callback, stop: AtomicBool::new(false), raised: Mutex::new(None) }
     }
 
-    /// Handles signals, and calls back with the fraction that is done until an exception is raised.
+    /// Handles signals, and calls back with the completed fraction until an exception is raised.
     pub fn tell(&self, fraction: f64) {
         let callback = self.callback.as_ref().filter(|_| !self.stop.load(Ordering::Relaxed));
         let result = Python::attach(|py| {
@@ -202,7 +203,7 @@ impl Watch {
         }
     }
 
-    /// The exception that ended the work, or else its result.
+    /// Returns the exception that stopped the work, or else its result.
     pub fn result<T>(self, result: PyResult<T>) -> PyResult<T> {
         self.raised.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(result, Err)
     }

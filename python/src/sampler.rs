@@ -1,4 +1,4 @@
-//! Samplers: of SPECs, of files, baked.
+//! Samplers from SPECs, from files, and baked.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -27,21 +27,22 @@ use crate::{
     error::{of_eval, of_render, refused},
 };
 
-/// A sampler of directions, ready for one map.
+/// A sampler of directions for one map.
 #[pyclass(frozen, module = "headtail._native")]
 pub struct Sampler {
-    /// The SPEC or the file that it is of.
+    /// Its SPEC or file.
     pub name: String,
-    /// Draws directions; estimators without a closed pdf (`ris`, `mis2`) have none.
+    /// Samples directions; `None` for estimators without a closed-form pdf (`ris`, `mis2`).
     sampler: Option<Arc<dyn sampler::Sampler>>,
-    /// The map, and whether it is there in colour; the luminance of a file alone draws, but radiates nothing.
+    /// The map, and whether it has colours; the luminance in a sampler's file suffices for sampling, but not
+    /// for radiance.
     pub map: Arc<environment::Environment>,
     pub has_map: bool,
     pub spec: Option<SamplerSpec>,
     pub exported: Option<ExportedSampler>,
 }
 
-/// Rows of `N` numbers of a contiguous array.
+/// Returns the rows of `N` numbers of a contiguous array.
 pub fn rows<'a, const N: usize>(array: &'a PyReadonlyArray2<'_, f32>) -> PyResult<&'a [[f32; N]]> {
     if array.shape()[1] != N {
         return Err(refused(format!("an array has {} columns; {N} are needed", array.shape()[1])));
@@ -54,7 +55,7 @@ type List<'py> = PyReadonlyArray1<'py, f32>;
 
 #[pymethods]
 impl Sampler {
-    /// The sampler of a SPEC, which is built in the scene that it renders and has no pdf here.
+    /// The sampler of a SPEC that is built for the rendered scene and has no pdf here.
     #[staticmethod]
     fn in_scene(py: Python<'_>, spec: &str, environment: &Environment) -> PyResult<Self> {
         let map = environment.0.clone();
@@ -72,7 +73,7 @@ impl Sampler {
         py.detach(|| {
             match &own.spec {
                 Some(spec) if spec.has_pdf() => own.sampler = Some(spec.build_sampler(&own.map)?),
-                // Precomputed visibility is checked against the scene when that is rendered.
+                // Precomputed visibility is checked against the scene when it is rendered.
                 Some(spec) if !matches!(spec.visibility(), Visibility::File(_)) => drop(spec.build(&own.map)?),
                 _ => {}
             }
@@ -92,7 +93,7 @@ impl Sampler {
         .map_err(of_render)
     }
 
-    /// Patches of sky without BRDF sampling beside them, which no SPEC has: what other implementations are compared with point by point.
+    /// Patches without BRDF sampling, which has no SPEC, for pointwise comparison with other implementations.
     #[staticmethod]
     fn patches_alone(py: Python<'_>, environment: &Environment, fine: bool) -> PyResult<Self> {
         let (map, detail) = (environment.0.clone(), if fine { Detail::Twigs } else { Detail::Leaves });
@@ -126,7 +127,7 @@ impl Sampler {
         .map_err(of_render)
     }
 
-    /// The arrays that implementations on other devices read, by name.
+    /// Returns the named arrays that implementations on other devices read.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let spec = self.spec.as_ref().map(|spec| spec.resolved(false)).filter(SamplerSpec::has_pdf);
         let patches =
@@ -217,7 +218,7 @@ impl Sampler {
 }
 
 impl Sampler {
-    /// The sampler of a file's content; without its map for directions alone.
+    /// The sampler of an exported file; without its map for directions only.
     pub fn of_exported(
         name: String,
         mut exported: ExportedSampler,
@@ -245,7 +246,7 @@ impl Sampler {
         sampler.ok_or_else(|| refused(format!("{}: has no pdf of its own; it can be rendered and compared", self.name)))
     }
 
-    /// The estimator of a rendering.
+    /// Returns the estimator for a rendering.
     pub fn estimator(&self, view: &OpenedView) -> PyResult<Box<dyn Estimator>> {
         if !self.has_map {
             return Err(refused(format!("{}: was opened without its map", self.name)));

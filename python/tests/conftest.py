@@ -1,4 +1,4 @@
-"""What tests share."""
+"""Fixtures of all tests."""
 
 import numpy as np
 import pytest
@@ -22,19 +22,19 @@ def table(studio):
 
 
 def directions(count, seed):
-    """Random unit directions [count, 3]."""
+    """Returns random unit directions [count, 3]."""
     d = np.random.default_rng(seed).normal(size=(count, 3))
     return (d / np.linalg.norm(d, axis=1, keepdims=True)).astype(np.float32)
 
 
 def uniform(count, seed):
-    """Random points of the square [count, 2]."""
+    """Returns random points of the square [count, 2]."""
     return np.random.default_rng(seed).random((count, 2), dtype=np.float32)
 
 
 @pytest.fixture(scope="module", params=["llvm_ad_rgb", "llvm_ad_mono", "cuda_ad_rgb"])
 def variant(request):
-    """A variant of Mitsuba's, with the integrators."""
+    """A Mitsuba variant with the integrators."""
     mi = pytest.importorskip("mitsuba")
     try:
         mi.set_variant(request.param)
@@ -48,7 +48,7 @@ def variant(request):
 
 @pytest.fixture(scope="session")
 def heads(tmp_path_factory):
-    """Files of heads by name, for studio: barely trained ones are as unbiased as others."""
+    """Files of heads by name, for studio; barely trained heads are unbiased, too."""
     if not hasattr(headtail, "fit"):
         pytest.skip("built without training")
     folder = tmp_path_factory.mktemp("heads")

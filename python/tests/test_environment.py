@@ -1,4 +1,4 @@
-"""Maps in Python: layouts, warnings, masked arrays, and the sampler that is chosen where there is a scene."""
+"""Maps in Python: layouts, warnings, masked arrays, and "auto" with a scene."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_masked_elements_are_refused():
     texels = np.ma.masked_greater(np.ones((2, 4, 3), np.float32), 0.5)
     with pytest.raises(headtail.HeadtailError, match="masked array"):
         headtail.Environment.from_array(texels)
-    # A mask that hides nothing is none.
+    # A mask without masked elements is accepted.
     whole = np.ma.array(np.ones((2, 4, 3), np.float32))
     assert headtail.Environment.from_array(whole).shape == (2, 4)
 

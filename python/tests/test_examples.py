@@ -1,4 +1,4 @@
-"""The examples of the pages are short, run, and are what the pages show."""
+"""The examples of the pages are short, run, and match the pages."""
 
 import pathlib
 import subprocess

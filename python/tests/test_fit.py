@@ -25,9 +25,10 @@ def test_a_fitted_head_is_saved_opened_and_baked(studio, tmp_path):
 
 
 def test_a_head_over_patches_is_fitted_saved_and_opened(studio, tmp_path):
-    # Long enough for weights that are better than the first ones, which change nothing.
+    # Long enough to improve on the initial weights, which are the identity.
     head = headtail.fit(studio, over="patches", steps=100, conditions=32, validation_conditions=32)
-    # The settings of its own: a smaller head than over the tail, and for diffuse surfaces no share beside BRDF sampling.
+    # Settings of its preset: a smaller head than over the tail, and no mixture weight for BRDF sampling on
+    # diffuse surfaces.
     assert headtail.settings(over="patches") == headtail.settings(preset="over-patches")
     head.save(tmp_path / "head.safetensors")
     opened = headtail.Sampler.open(tmp_path / "head.safetensors", studio)
@@ -35,7 +36,7 @@ def test_a_head_over_patches_is_fitted_saved_and_opened(studio, tmp_path):
     n, u = directions(2000, 1), uniform(2000, 2)
     draws = opened.sample(n, u=u)
     assert np.array_equal(draws.wi, head.sample(n, u=u).wi)
-    # Neither the patches alone nor the head over the bare tail.
+    # Differs from the patches alone and from the head over the tail.
     alone = headtail.Sampler.from_spec("patches", studio).sample(n, u=u)
     assert (np.abs(draws.wi - alone.wi).max(1) > 1e-3).mean() > 0.5
     drawn = draws.pdf > 0
@@ -43,7 +44,7 @@ def test_a_head_over_patches_is_fitted_saved_and_opened(studio, tmp_path):
     assert np.quantile(np.abs(again / draws.pdf[drawn] - 1), 0.99) < 1e-2
 
 
-def test_a_run_that_was_interrupted_ends_with_the_same_weights(studio, tmp_path):
+def test_interrupted_runs_resume_to_the_same_weights(studio, tmp_path):
     whole = headtail.fit(studio, reproducible=True, **SHORT)
 
     def stop(now):
@@ -60,7 +61,7 @@ def test_a_run_that_was_interrupted_ends_with_the_same_weights(studio, tmp_path)
 
 
 def test_ctrl_c_ends_training(studio):
-    # A process that was started in the background ignores the signal, unless it says otherwise.
+    # Processes started in the background ignore the signal unless it is reset.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):

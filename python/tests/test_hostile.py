@@ -1,4 +1,5 @@
-"""Thousands of calls of every function with arguments of chance: an exception of the right kind, or a result; never a crash or a fault of its own."""
+"""Calls every function thousands of times with random arguments: each raises an exception of the right kind
+or returns a result, and never crashes."""
 
 import os
 import pathlib
@@ -18,7 +19,7 @@ THINGS = [None, True, "", "overcast", "patches", "mis", "x\0y", "/", "\udcff", b
 
 
 class Calls:
-    """Arguments of chance, and functions to call with them."""
+    """Random arguments, and functions to call with them."""
 
     def __init__(self, files, samplers):
         self.random = np.random.default_rng(4)
@@ -37,7 +38,7 @@ class Calls:
             return array.astype(self.one_of(["f4", "f4", "f4", "f8", "f2", "O", "c8", "?", "i4"]))
 
     def thing(self):
-        """Anything."""
+        """Returns any value."""
         kind = self.random.integers(4)
         if kind == 0:
             return self.one_of(NUMBERS)
@@ -46,16 +47,16 @@ class Calls:
         return self.array() if kind == 2 else self.one_of([*self.samplers, *self.files, self.map])
 
     def mostly(self, *list):
-        """One of a list, or anything."""
+        """Returns an element of a list, or any value."""
         return self.one_of(list) if self.random.random() < 0.8 else self.thing()
 
     def times(self, *list):
-        """How often or how much: what would take hours or all memory and is no mistake is left out."""
+        """Returns a count or size, without valid ones that would take hours or all memory."""
         wrong = [number for number in NUMBERS if not 7 < number < 2**63] + [thing for thing in THINGS if thing is not True]
         return self.one_of(list if self.random.random() < 0.8 else wrong)
 
     def some(self, **arguments):
-        """Some of the arguments."""
+        """Returns a subset of the arguments."""
         return {name: make() for name, make in arguments.items() if self.random.random() < 0.4}
 
     def call(self):
@@ -96,7 +97,7 @@ class Calls:
 
 @pytest.fixture
 def changed_files(tmp_path, table):
-    """A table's file, and what is left of it after a cut or a change of a byte."""
+    """Returns a table's file, and copies that are truncated or have a changed byte."""
     table.save(tmp_path / "whole.safetensors")
     bytes = np.fromfile(tmp_path / "whole.safetensors", np.uint8)
     random, files = np.random.default_rng(8), [tmp_path / "whole.safetensors", tmp_path]
@@ -108,7 +109,7 @@ def changed_files(tmp_path, table):
     return [pathlib.Path(file) for file in files]
 
 
-def test_calls_of_chance_raise_what_they_should_or_give_numbers(changed_files, patches, table):
+def test_random_calls_raise_or_return_numbers(changed_files, patches, table):
     calls = Calls(changed_files, [patches, table, Sampler.from_spec("mis", "overcast")])
     raised, done = {}, {}
     for _ in range(CALLS):

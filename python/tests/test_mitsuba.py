@@ -1,4 +1,4 @@
-"""The integrators in Mitsuba 3: the same means as Mitsuba's own, and what they refuse."""
+"""The integrators in Mitsuba 3: their means equal those of Mitsuba's own, and invalid inputs are rejected."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,8 @@ MATERIALS = {
 }
 
 TILE, RUNS, SPP = 16, 8, 32
-# Tests of means in this file, over variants, materials, samplers and kinds: a significance is corrected for all of them.
+# Tests of means in this file over variants, materials, samplers and kinds, for correcting the significance
+# level.
 TESTS = 60
 
 
@@ -60,14 +61,15 @@ def scene(material, integrator, **more):
 
 
 def runs(scene, first_seed):
-    """Luminance means of tiles, [runs, tiles]."""
+    """Returns luminance means of tiles, [runs, tiles]."""
     pictures = np.array([np.array(mi.render(scene, spp=SPP, seed=first_seed + run))[..., :3].mean(-1) for run in range(RUNS)])
     rows, columns = pictures.shape[1] // TILE, pictures.shape[2] // TILE
     return pictures.reshape(RUNS, rows, TILE, columns, TILE).mean((2, 4)).reshape(RUNS, -1)
 
 
 def agree(a, b):
-    """Whether no tile's means differ by Welch's test, at 1 per mille corrected for the number of tiles and of tests."""
+    """Returns whether no tile's means differ by Welch's test, at 0.1 % corrected for the number of tiles and
+    of tests."""
     p = stats.ttest_ind(a, b, equal_var=False).pvalue
     return np.nanmin(p) > 1e-3 / (a.shape[1] * TESTS)
 
@@ -75,7 +77,7 @@ def agree(a, b):
 @pytest.mark.parametrize("kind", ["direct", "path"])
 @pytest.mark.parametrize("sampler", ["table", "patches"])
 @pytest.mark.parametrize("material", ["diffuse", "glossy", "textured", "bumped"])
-def test_means_are_those_of_mitsubas_own_integrators(variant, material, sampler, kind):
+def test_means_match_mitsubas_own_integrators(variant, material, sampler, kind):
     if is_grey(variant) and (sampler, kind) != ("table" if material == "diffuse" else "patches", "path"):
         pytest.skip("of one channel, a scene for each material is enough")
     settings = {"max_depth": 4} if kind == "path" else {}
@@ -100,7 +102,7 @@ def test_means_are_those_of_mitsubas_own_integrators(variant, material, sampler,
         ("glossy", "direct", "over fine patches"),
     ],
 )
-def test_means_with_a_head_are_those_of_mitsubas_own_integrators(variant, heads, material, kind, head):
+def test_means_with_a_head_match_mitsubas_own_integrators(variant, heads, material, kind, head):
     if is_grey(variant):
         pytest.skip("maps are grey there, and files of a map in colour refused")
     settings = {"max_depth": 3} if kind == "path" else {}
@@ -113,15 +115,15 @@ def is_grey(variant):
     return variant.endswith("_mono")
 
 
-def test_six_per_cent_more_light_are_found(variant):
-    """The test above can fail."""
+def test_six_per_cent_more_light_is_detected(variant):
+    """The test above detects 6 % more light."""
     own = runs(scene("diffuse", {"type": "headtail_direct"}), 100)
     assert not agree(1.06 * own, runs(scene("diffuse", {"type": "direct"}), 0))
 
 
-def test_lobes_without_width_reflect_what_they_should(variant):
+def test_delta_lobes_reflect_correctly(variant):
     own, theirs = (np.array(mi.render(scene("plastic", {"type": kind}), spp=512)).mean() for kind in ("headtail_direct", "direct"))
-    # Mirrors of small lamps: two per cent between pictures of different seeds.
+    # Mirrors of small lamps: pictures of different seeds differ by 2 %.
     assert abs(own / theirs - 1) < 0.04
 
 
@@ -135,14 +137,14 @@ def test_the_sampler_follows_the_map(variant):
 
 
 def lamp(column, width=64):
-    """A dim map of one lamp."""
+    """A dim map with one lamp."""
     texels = np.full((32, width, 3), 0.05, np.float32)
     texels[10, column] = 100
     return texels
 
 
 def padded(texels):
-    """As Mitsuba 3.9 keeps texels."""
+    """Pads texels like Mitsuba 3.9."""
     return mi.TensorXf(np.concatenate([texels[:, -1:], texels, texels[:, :1]], 1))
 
 
@@ -157,12 +159,12 @@ def test_the_sampler_follows_texels_that_are_replaced(variant, width):
     parameters["map.data"] = padded(second)
     parameters.update()
     new = scene("diffuse", {"type": "headtail_direct"}, map={"type": "envmap", "bitmap": mi.Bitmap(second)})
-    # The same sampler of the same map: the same picture.
+    # The same sampler of the same map gives the same picture.
     pictures = [np.array(mi.render(each, spp=16, seed=3)) for each in (changed, new)]
     np.testing.assert_allclose(*pictures, rtol=1e-4, atol=1e-5)
 
 
-def test_columns_that_are_not_known_are_refused():
+def test_unknown_texel_columns_are_rejected():
     from headtail.mitsuba._integrators import unpadded
 
     texels = np.random.default_rng(1).random((4, 8, 3), np.float32)
@@ -178,7 +180,7 @@ def test_black_maps_give_black_pictures(variant):
         assert not np.array(mi.render(scene("glossy", {"type": kind}, **black), spp=1)).any()
 
 
-def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
+def test_unsupported_scenes_are_rejected(variant, tmp_path):
     other = {"lamp": {"type": "point", "position": [0, 5, 0]}}
     stretch = mi.ScalarTransform4f().scale([1, 2, 1])
     stretched = {"map": {"type": "envmap", "bitmap": mi.Bitmap(np.ones((4, 8, 3), np.float32)), "to_world": stretch}}
@@ -202,7 +204,8 @@ def test_what_cannot_be_is_refused_with_a_sentence(variant, tmp_path):
 
 @pytest.mark.parametrize("sampler", ["table", "patches"])
 def test_a_picture_is_one_kernel(variant, sampler):
-    """What draws and evaluates directions is a part of the rendering kernel: there is none that Mitsuba's own integrator has not."""
+    """Sampling and pdfs are part of the rendering kernel: there are no kernels that Mitsuba's own integrator
+    lacks."""
     counts = []
     for integrator in ({"type": "headtail_direct", "sampler": sampler}, {"type": "direct"}):
         own = scene("glossy", integrator)
@@ -235,7 +238,7 @@ def test_a_file_of_the_scenes_map_is_used(variant, tmp_path):
         assert np.isfinite(np.array(mi.render(own, spp=4))).all()
 
 
-def test_scalar_variants_are_refused_with_a_sentence():
+def test_scalar_variants_are_rejected():
     mi.set_variant("scalar_rgb")
     import headtail.mitsuba  # noqa: F401
 

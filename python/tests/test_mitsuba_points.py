@@ -1,4 +1,4 @@
-"""Samplers in Dr.Jit, point by point against the native ones, at the poles and the seam of the map too."""
+"""Compares samplers in Dr.Jit point by point with the native ones, including the map's poles and seam."""
 
 import numpy as np
 import pytest
@@ -9,12 +9,12 @@ dr = pytest.importorskip("drjit")
 import headtail  # noqa: E402
 
 COUNT = 4000
-# Rounding moves a few points across borders, and where the map is steep it moves pdfs by more.
+# Rounding moves a few points across borders, and changes pdfs more where the map is steep.
 NEAR, FEW = 1e-4, 1e-2
 
 
 class Points:
-    """Shading points and directions: numpy's, and Mitsuba's."""
+    """Shading points and directions, for numpy and for Mitsuba."""
 
     def __init__(self):
         random = np.random.default_rng(1)
@@ -27,7 +27,7 @@ class Points:
         self.u = random.random((COUNT, 2), dtype=np.float32)
 
     def point(self, alpha):
-        """Mitsuba's shading points of GGX surfaces of a width, of diffuse ones for None."""
+        """Returns Mitsuba's shading points: GGX surfaces of a width, diffuse ones for None."""
         from headtail.mitsuba._patches import Point
 
         zero = mi.Float(np.zeros(COUNT, np.float32))
@@ -54,7 +54,8 @@ def map_texels(name):
 
 
 def compare(name, native, product, points, alpha):
-    """A sampler that is alone, or in a mixture with BRDF sampling with a share that both know: draws, their pdfs, pdfs of given directions."""
+    """Compares samples, their pdfs, and pdfs of given directions; the sampler is alone, or mixed with BRDF
+    sampling with equal weights on both sides."""
     surface = {} if alpha is None else {"alpha": alpha}
     prepared = product.prepare(points.point(alpha))
     is_mixed = alpha is not None and product.has_share and native.name != "head"
@@ -62,11 +63,11 @@ def compare(name, native, product, points, alpha):
     brdf = headtail.Sampler.from_spec("brdf", native.map)
 
     def mixed(pdf, wi):
-        # Where nothing is drawn there is no direction.
+        # Rejected samples have no direction.
         wi = np.where((wi == 0).all(1, keepdims=True), points.n, wi)
         return share * np.array(pdf) + (1 - share) * (brdf.pdf(wi, points.n, points.wo, **surface) if is_mixed else 0)
 
-    # The first numbers of a mixture are the product's.
+    # The first part of the unit interval selects the product.
     u = np.stack([np.minimum(points.u[:, 0] * share, np.nextafter(share, np.float32(0))), points.u[:, 1]], 1)
     draws = native.sampler.sample(points.n, points.wo, u=u, radiance=False, **surface)
     wi, pdf = product.sample(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)))
@@ -78,7 +79,7 @@ def compare(name, native, product, points, alpha):
 
 
 class Native:
-    """A sampler of the package: of a SPEC, for a built-in map."""
+    """A sampler of the package from a SPEC, for a built-in map."""
 
     def __init__(self, map, spec):
         self.name, self.map = spec.split(":")[0], map_texels(map)
@@ -93,8 +94,8 @@ def points(variant):
 
 
 @pytest.mark.parametrize("loops", [False, True])
-def test_heads_draw_what_the_native_ones_draw(points, heads, loops):
-    """Both ways to multiply matrices."""
+def test_heads_match_the_native_ones(points, heads, loops):
+    """Tests both ways to multiply matrices."""
     from headtail.mitsuba._integrators import product_of
 
     for name, file in heads.items():
@@ -105,7 +106,7 @@ def test_heads_draw_what_the_native_ones_draw(points, heads, loops):
 
 
 @pytest.mark.parametrize("map", ["studio", "sunset"])
-def test_tables_draw_what_the_native_ones_draw(points, tmp_path, map):
+def test_tables_match_the_native_ones(points, tmp_path, map):
     from headtail.mitsuba._table import Table
 
     file = tmp_path / "table.safetensors"
@@ -116,7 +117,7 @@ def test_tables_draw_what_the_native_ones_draw(points, tmp_path, map):
 
 @pytest.mark.parametrize("glossy", [False, True])
 @pytest.mark.parametrize(("map", "fine"), [("studio", False), ("studio", True), ("sunset", False)])
-def test_patches_draw_what_the_native_ones_draw(points, map, fine, glossy):
+def test_patches_match_the_native_ones(points, map, fine, glossy):
     from headtail.mitsuba._patches import Patches
 
     native = headtail.Sampler(headtail._native.Sampler.patches_alone(headtail.Environment(map)._native, fine))
@@ -126,7 +127,7 @@ def test_patches_draw_what_the_native_ones_draw(points, map, fine, glossy):
     wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), None, None)
     drawn = draws.pdf > 0
     are_near("draws", np.array(wi).T[drawn], draws.wi[drawn], np.array(pdf)[drawn], draws.pdf[drawn])
-    # One pass draws half of the points, and evaluates the pdfs of given directions at the others.
+    # One pass samples half of the points, and evaluates pdfs of given directions at the others.
     is_given = np.arange(COUNT) % 2 == 1
     wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), mi.Bool(is_given), vectors(points.given))
     expected = np.where(is_given, native.pdf(points.given, points.n, points.wo, **surface), draws.pdf)

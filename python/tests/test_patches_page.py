@@ -1,4 +1,4 @@
-"""docs/method/patches.py, which was written from its page, against the native sampler."""
+"""Compares docs/method/patches.py, which is written from its page, with the native sampler."""
 
 import importlib.util
 from pathlib import Path
@@ -19,7 +19,7 @@ def page():
 
 
 def sky(height, sun):
-    """A bright upper half with a window below and a lamp or a sun."""
+    """A bright upper half with a window below, and a lamp or a sun."""
     width = 2 * height
     v, u = np.meshgrid(np.arange(height) / (height - 1), (np.arange(width) + 0.5) / width, indexing="ij")
     noise = np.random.default_rng(1).random((height, width))
@@ -34,7 +34,8 @@ def unit(random, count):
     return (vectors / np.linalg.norm(vectors, axis=1, keepdims=True)).astype(np.float32)
 
 
-# A sun of two texels of 256 is a small light, with parts of the window beside it; a lamp of two of 96 is none.
+# A sun of two texels of 256 is a small light, with parts of the window beside it; a lamp of two texels of 96
+# is not.
 @pytest.mark.parametrize(("height", "sun", "small"), [(48, 200, 0), (128, 20_000, 3)])
 def test_densities_are_those_of_the_page(height, sun, small):
     radiance = sky(height, sun)
@@ -42,8 +43,8 @@ def test_densities_are_those_of_the_page(height, sun, small):
     assert own.small.sum() == small
     native = headtail.Sampler.from_spec("patches", headtail.Environment.from_array(radiance))
     random = np.random.default_rng(2)
-    # Native masses are in single precision: their terms cancel the more, the narrower a lobe is (the tilt of half vectors over the
-    # squared width).
+    # Native masses have single precision. The narrower a lobe, the more their terms cancel (the tilt of half
+    # vectors over the squared width).
     for alpha, tolerance in [(None, 1e-4), (0.4, 1e-4), (0.1, 3e-3)]:
         width = {} if alpha is None else {"alpha": alpha}
         for _ in range(4):

@@ -20,7 +20,7 @@ def test_pictures_of_different_samplers_have_the_same_mean(studio):
     scene = headtail.Scene("sphere")
     pictures = [headtail.render(scene, spec, studio, spp=256, **SIZE) for spec in ("patches", "mis", "ris:4")]
     means = [picture.image[picture.coverage == 1].mean() for picture in pictures]
-    # 256 samples in some 200 pixels, of relative variance below 10: half a per cent.
+    # 256 samples in about 200 pixels of relative variance below 10: 0.5 %.
     assert np.ptp(means) < 0.03 * means[0]
     assert pictures[0].image.shape == (24, 32, 3) and pictures[0].spp == 256
 
@@ -30,7 +30,7 @@ def test_better_samplers_have_smaller_errors(studio):
     assert rows.shape == (8,) and set(rows["sampler"]) == {"patches", "mis"} and set(rows["budget"]) == {"1spp", "4spp"}
     mse = {name: rows["mse"][(rows["sampler"] == name) & (rows["spp"] == 4)].mean() for name in ("patches", "mis")}
     assert mse["patches"] < mse["mis"]
-    # It takes more samples where its noise is too large.
+    # More samples are taken while its noise is too large.
     assert 256 <= reference.spp <= 1024 and 0 < reference.mse < mse["patches"]
     assert reference.image.shape == (24, 32, 3) and 0 < reference.covered.sum() < 24 * 32
 
@@ -40,7 +40,7 @@ def test_references_can_be_given(studio, table):
     rows, reference = headtail.compare("sphere", studio, ["mis", table], reference_spp=64, **settings)
     again, same = headtail.compare("sphere", studio, ["mis", table], reference=reference, **settings)
     for name in ("mse", "relmse", "relmse_trimmed", "reference_mse", "tile_p"):
-        # Tiles are judged from 64 samples per pixel on: their probability is NaN before.
+        # Tiles are tested from 64 samples per pixel on; below, their probability is NaN.
         assert np.array_equal(rows[name], again[name], equal_nan=True), name
     assert same.spp == 0 and (same.image == reference.image).all()
     picture, _ = headtail.compare("sphere", studio, ["mis"], reference=reference.image, **settings)
@@ -111,7 +111,7 @@ def test_a_callback_sees_progress_and_can_end_a_rendering(studio):
     ],
 )
 def test_ctrl_c_ends_work(studio, work):
-    # Python leaves SIGINT ignored where it was at its start, as in a background job.
+    # Python keeps SIGINT ignored if it was at start, as in a background job.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()

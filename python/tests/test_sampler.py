@@ -1,4 +1,4 @@
-"""Samplers over batches: what they draw, and how they take and give arrays."""
+"""Samplers over batches: their samples, and their input and output arrays."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ from headtail import HeadtailError, Sampler
 
 @pytest.mark.parametrize("spec", ["patches", "mis", "emitter"])
 def test_estimates_are_those_of_a_sum_over_the_map(studio, spec):
-    """Reflected light of a white diffuse surface and of a glossy one: by samples, and by a sum over all texels."""
+    """Reflected light of a white diffuse and a glossy surface: estimates match a sum over all texels."""
     sampler = Sampler.from_spec(spec, studio)
     n = np.array([0.3, 0.9, -0.3], np.float32)
     n /= np.linalg.norm(n)
@@ -21,14 +21,14 @@ def test_estimates_are_those_of_a_sum_over_the_map(studio, spec):
     lit = draws.pdf > 0
     values = np.zeros((len(lit), 3))
     values[lit] = draws.radiance[lit] * (np.maximum(draws.wi[lit] @ n, 0) / np.pi / draws.pdf[lit])[:, None]
-    # The bilinear map by the midpoint rule, 4 x 4 points in each texel.
+    # The bilinear map by the midpoint rule, 4 x 4 points per texel.
     rows, columns = (4 * side for side in studio.shape)
     theta, phi = np.meshgrid((np.arange(rows) + 0.5) * np.pi / rows, (np.arange(columns) + 0.5) * 2 * np.pi / columns, indexing="ij")
     wi = np.stack([np.sin(phi) * np.sin(theta), np.cos(theta), -np.cos(phi) * np.sin(theta)], -1).reshape(-1, 3).astype(np.float32)
     weight = np.sin(theta).ravel() * (np.pi / rows) * (2 * np.pi / columns) * np.maximum(wi @ n, 0) / np.pi
     expected = (studio.radiance(wi) * weight[:, None]).sum(0)
     deviation = values.std(0) / np.sqrt(len(values))
-    # Five standard errors, and half a per cent for the rule at the edges of lamps.
+    # Five standard errors, and 0.5 % for the midpoint rule at the edges of lamps.
     assert np.all(np.abs(values.mean(0) - expected) < 5 * deviation + 5e-3 * expected)
 
 
@@ -38,11 +38,11 @@ def test_the_pdf_of_a_draw_is_that_of_its_direction(patches, surface):
     draws = patches.sample(n, u=u, **surface)
     drawn = draws.pdf > 0
     again = patches.pdf(draws.wi[drawn], n[drawn], **surface)
-    # The direction is rounded to 32 bits, which moves some draws across the border of a patch.
+    # Directions are rounded to 32 bits, which moves some across the border of a patch.
     assert np.quantile(np.abs(again / draws.pdf[drawn] - 1), 0.999) < 1e-2
 
 
-def test_results_go_where_they_are_told(patches):
+def test_results_are_written_to_out(patches):
     n = directions(1000, 1)
     expected = patches.sample(n, seed=5)
     out = np.full((1000, 3), np.nan, np.float32), np.full(1000, np.nan, np.float32), None
@@ -52,7 +52,7 @@ def test_results_go_where_they_are_told(patches):
 
 
 class Foreign:
-    """An array of another library, which knows DLPack alone."""
+    """An array of another library that supports DLPack only."""
 
     def __init__(self, array):
         self.array = array
@@ -94,7 +94,7 @@ def test_threads_draw_side_by_side(patches):
 
 
 def test_other_threads_go_on_while_one_draws(patches):
-    """What holds the interpreter's lock stops all others until it ends."""
+    """Sampling releases the interpreter lock; holding it would stop all other threads."""
     n, is_over, beats = directions(1, 1), threading.Event(), []
 
     def beat():
@@ -108,12 +108,13 @@ def test_other_threads_go_on_while_one_draws(patches):
     end = time.perf_counter()
     is_over.set()
     thread.join()
-    # A beat that waited for the lock comes at the end; one at the beginning may be before the lock was taken.
+    # A thread that waited for the lock would run at the end; at the beginning it may run before the lock is
+    # taken.
     tenth = (end - start) / 10
     assert sum(start + tenth < now < end - tenth for now in beats) > 2
 
 
-def test_a_file_draws_what_was_written_to_it(table, studio, tmp_path):
+def test_opened_files_sample_like_the_written_sampler(table, studio, tmp_path):
     table.save(tmp_path / "table.safetensors")
     n, u = directions(1000, 1), uniform(1000, 2)
     expected = table.sample(n, u=u)
@@ -128,7 +129,7 @@ def test_a_file_draws_what_was_written_to_it(table, studio, tmp_path):
         Sampler.open(tmp_path / "table.safetensors", "window")
 
 
-def test_mistakes_raise_with_a_sentence(patches, studio, tmp_path):
+def test_invalid_arguments_raise_with_a_message(patches, studio, tmp_path):
     n = directions(10, 1)
     for call, words in [
         (lambda: patches.sample(n[:, :2]), "n: has the shape"),
@@ -160,7 +161,7 @@ def test_mistakes_raise_with_a_sentence(patches, studio, tmp_path):
 
 
 def test_hostile_arguments_raise_and_never_crash(patches):
-    """Arrays of any shape, type, layout and value in any place: an exception of the right kind, or finite results."""
+    """Arrays of any shape, type, layout and value: an exception of the right kind, or finite results."""
     random = np.random.default_rng(9)
     good = {"n": directions(6, 1), "wo": directions(6, 2), "alpha": np.float32(0.3), "u": uniform(6, 3)}
     shapes = [(), (0,), (1,), (3,), (6,), (6, 3), (3, 6), (0, 3), (6, 2), (1, 3), (6, 3, 1), (7, 3)]

@@ -1,4 +1,4 @@
-"""The stubs say what the code is."""
+"""The stubs match the code."""
 
 import pathlib
 import subprocess

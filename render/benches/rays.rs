@@ -1,9 +1,9 @@
 //! Rays per second on one core: `cargo bench -p headtail-render --bench rays`.
 //!
-//! Camera rays come in tiles of 16 x 16 pixels of a picture of 640 x 480, as in the integrator; shadow rays start where they hit and
-//! go to directions drawn from the map, or from the cosine about the normal. HEADTAIL_SCENES (scenes, with a comma between
-//! them) and HEADTAIL_MAP name files or built-in ones. Rays are traced in batches and one at a time, in turn; the fastest of several
-//! rounds counts.
+//! Camera rays come in tiles of 16 x 16 pixels of a 640 x 480 picture, as in the integrator. Shadow rays
+//! start at their hits, in directions sampled from the map or from the cosine about the normal.
+//! HEADTAIL_SCENES (comma-separated) and HEADTAIL_MAP name files or built-in scenes and maps. Batched and
+//! single rays are traced in alternation; the fastest of several rounds counts.
 
 use std::{env, hint::black_box, sync::Arc, time::Instant};
 
@@ -19,17 +19,17 @@ use headtail_render::{
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
 
-/// Edge of a tile, and of the squares in which its pixels are numbered.
+/// Edge of a tile, and of the squares that order its pixels.
 const TILE: usize = 16;
 const SQUARE: usize = 4;
 
-/// Rounds of which the fastest counts.
+/// Number of rounds, of which the fastest counts.
 const ROUNDS: usize = 7;
 
-/// Rays of tiles, each tile a batch.
+/// Rays by tile, one batch per tile.
 type Batches = Vec<Vec<Ray>>;
 
-/// The tiles' rays with their surfaces, through a random point of each pixel.
+/// Returns the rays of all tiles, through a random point of each pixel, and the surface points that they hit.
 fn camera_rays(scene: &Scene, camera: &Camera) -> (Batches, Vec<Vec<ShadingPoint>>) {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let (mut batches, mut points) = (Vec::new(), Vec::new());
@@ -51,7 +51,7 @@ fn camera_rays(scene: &Scene, camera: &Camera) -> (Batches, Vec<Vec<ShadingPoint
     (batches, points)
 }
 
-/// One ray from each point, where its direction is above the surface.
+/// Returns one ray per point whose direction is above the surface.
 fn shadow_rays(
     scene: &Scene,
     points: &[Vec<ShadingPoint>],
@@ -68,10 +68,10 @@ fn shadow_rays(
     points.iter().map(&mut batch).collect()
 }
 
-/// A way to trace rays; it returns how many hit something.
+/// A name and a function that traces rays and returns the number of hits.
 type Variant<'a> = (&'a str, Box<dyn Fn(&[Ray]) -> usize + 'a>);
 
-/// Prints millions of rays per second of each variant, and the ratio to the first.
+/// Prints millions of rays per second of each variant, and its ratio to the first.
 fn compare(rays: &str, batches: &Batches, variants: &[Variant<'_>]) {
     let count: usize = batches.iter().map(Vec::len).sum();
     let mut fastest = vec![vec![f64::INFINITY; batches.len()]; variants.len()];
@@ -131,7 +131,7 @@ fn main() {
         let towards_map =
             shadow_rays(&scene, &points, |_, random| Some(light.tail().forward_direction(random.uniform2()).1));
         let towards_cosine = shadow_rays(&scene, &points, |at, random| {
-            // Cosine-distributed: a uniform point of the sphere that touches the plane from above.
+            // Cosine-distributed: a uniform point on the unit sphere that touches the plane from above.
             (at.ns + random.direction()).try_normalize()
         });
         compare("camera", &camera, &closest_variants(&bvh));

@@ -1,9 +1,9 @@
-//! An exported sampler at work: `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
+//! Uses an exported sampler: `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
 use glam::{Vec3, Vec3A};
 use headtail_render::{brdf::*, columns::Arena, environment::*, export::*, points::*, sampler::*, tile::*};
 use std::{error::Error, path::Path, sync::Arc};
 
-/// The unshadowed light that a white diffuse surface reflects.
+/// Estimates the unshadowed light that a white diffuse surface reflects.
 pub fn reflected(file: &Path, map: &str) -> Result<Vec3A, Box<dyn Error>> {
     let environment = Arc::new(Environment::open(map)?);
     let sampler = ExportedSampler::read(file)?.open(&environment)?;

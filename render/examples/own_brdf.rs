@@ -1,4 +1,4 @@
-//! A BRDF of one's own: `cargo run --release -p headtail-render --example own_brdf` prints what three samplers make of it.
+//! A custom BRDF: `cargo run --release -p headtail-render --example own_brdf` prints three estimates.
 
 use std::{f32::consts::PI, sync::Arc};
 
@@ -15,25 +15,26 @@ use headtail_render::{
     tile::{ShadingPoint, Tile},
 };
 
-/// The modified Phong BRDF (Lafortune and Willems 1994): diffuse, and a power of the cosine to the mirrored view.
+/// The modified Phong BRDF (Lafortune and Willems 1994): diffuse, plus a power of the cosine to the mirrored
+/// view.
 #[derive(Clone, Copy, Debug)]
 pub struct Phong {
     /// Albedo of the diffuse part.
     pub diffuse: f32,
     /// Reflectance of the lobe.
     pub specular: f32,
-    /// Its exponent, above 0.
+    /// Exponent of the lobe, above 0.
     pub exponent: f32,
 }
 
 impl Phong {
-    /// The lobe's solid-angle density, and a power of the cosine of 1 at its middle.
+    /// Returns the lobe's solid-angle density.
     fn lobe(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         let mirrored = 2.0 * n.dot(wo) * n - wo;
         (self.exponent + 1.0) / (2.0 * PI) * mirrored.dot(wi).max(0.0).powf(self.exponent)
     }
 
-    /// How often the lobe is drawn from.
+    /// Returns the probability of sampling the lobe.
     fn share(&self) -> f32 {
         self.specular / (self.specular + self.diffuse)
     }
@@ -77,13 +78,13 @@ impl Kernel for Phong {
         (2.0 / (self.exponent + 2.0)).sqrt()
     }
 
-    /// Near to a microfacet lobe whose half vectors are as wide.
+    /// Approximates the lobe by a microfacet lobe with half vectors of equal width.
     fn lobes(&self, _cos_o: f32) -> Lobes {
         Lobes { diffuse: self.diffuse, specular: 1.0, f0: self.specular, alpha: self.alpha() }
     }
 }
 
-/// Points of which each is seen from above, of one surface of a table with the new BRDF.
+/// Returns points that are all seen from above, on one surface of a table with the new BRDF.
 pub fn tile(phong: Phong) -> Tile {
     let (table, brdf) = BrdfTable::default().with(Arc::new(OfKernel::<Phong>::NEW));
     let surface = Surface { brdf, parameters: phong.parameters() };
@@ -94,7 +95,7 @@ pub fn tile(phong: Phong) -> Tile {
     Tile::of_table(&std::array::from_fn::<_, 64, _>(point), &table)
 }
 
-/// One unshadowed estimate of what the points reflect in the mean.
+/// Estimates the mean unshadowed light that the points reflect, with one sample.
 pub fn estimate(estimator: &dyn Estimator, tile: &Tile, (points, sample): (PointSet, u32)) -> f64 {
     let (mut contributions, points) = (Contributions::default(), Points::new(points, 1).at_sample(sample));
     estimator.propose(&tile.rows(), &points, &mut contributions, &Arena::default());

@@ -1,14 +1,14 @@
-//! A sampler of one's own: `cargo run --release -p headtail-render --example own_sampler` prints three means that agree.
+//! A custom sampler: `cargo run --release -p headtail-render --example own_sampler` prints three equal means.
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{Result, points::*, sampler::*};
 use headtail_render::{brdf::*, color::luminance, columns::Arena, environment::*, estimator::*, simd::Lanes, tile::*};
 use std::{f32::consts::PI, sync::Arc};
 
-/// Half of the directions are uniform over the sphere, half are in proportion to the cosine to +Y.
+/// Samples half of the directions uniformly over the sphere, half in proportion to the cosine to +Y.
 pub struct SkySampler;
 
-/// The solid-angle pdf of directions of a height (their Y).
+/// Returns the solid-angle pdf of a direction with this height (its Y).
 fn density(height: f32) -> f32 {
     0.5 * (0.25 / PI) + 0.5 * (height.max(0.0) / PI)
 }
@@ -32,7 +32,7 @@ impl Sampler for SkySampler {
     }
 }
 
-/// The sampler alone, in a mixture with BRDF sampling, and as the source of half of the candidates of RIS.
+/// Builds estimators of the sampler alone, in a mixture with BRDF sampling, and in RIS with BRDF sampling.
 pub fn estimators(map: &Arc<Environment>) -> Result<[(&'static str, Box<dyn Estimator>); 3]> {
     let alone = SingleSample::new(Covering::new(SkySampler)?, map.clone());
     let mixture = SingleSample::new(Covering::new(OneSampleMis::new(SkySampler, BrdfSampler))?, map.clone());
@@ -40,7 +40,7 @@ pub fn estimators(map: &Arc<Environment>) -> Result<[(&'static str, Box<dyn Esti
     Ok([("alone", Box::new(alone)), ("mixture", Box::new(mixture)), ("ris:4", Box::new(ris))])
 }
 
-/// One unshadowed estimate of the luminance that the points of a tile reflect in the mean.
+/// Estimates the mean unshadowed luminance that the points of a tile reflect, with one sample.
 pub fn estimate(estimator: &dyn Estimator, tile: &Tile, sample: u32) -> f64 {
     let (mut contributions, points) = (Contributions::default(), Points::new(PointSet::Sobol, 1).at_sample(sample));
     estimator.propose(&tile.rows(), &points, &mut contributions, &Arena::default());

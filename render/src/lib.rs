@@ -1,16 +1,16 @@
 //! Scenes, images and an integrator of direct light and of paths, over the samplers of
 //! `headtail-sampling`, which it re-exports.
 //!
-//! This crate reads what headtail exports and does not depend on the library that trained it.
+//! This crate reads files that headtail exports and does not depend on the library that trains them.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `scene/` | scenes, glTF, materials, ray tracing |
-//! | `integrator/` | pictures of a view with an estimator |
+//! | `integrator/` | renderings of a view with an estimator |
 //! | `composite/` | objects in photographs |
 //! | `image/` | photographs, and writing results |
 //! | `statistics/` | errors, intervals and tests |
-//! | `fabric/` | the sources that neural materials are fitted to |
+//! | `fabric/` | reference materials that neural materials are fitted to |
 
 pub mod composite;
 pub mod fabric;

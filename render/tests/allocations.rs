@@ -1,4 +1,4 @@
-//! Nothing is allocated while samples are drawn: a picture of four times as many samples asks for memory no more often.
+//! Sampling does not allocate: a picture with four times the samples makes no more allocations.
 
 mod layers;
 
@@ -25,27 +25,27 @@ use headtail_render::{
 };
 use layers::random_layers;
 
-/// Counts how often memory is asked for.
+/// Counts allocations.
 struct Counting;
 
 static CALLS: AtomicUsize = AtomicUsize::new(0);
 
-// SAFETY: all is left to the system's allocator; counting does not allocate.
+// SAFETY: delegates to the system's allocator; counting does not allocate.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `GlobalAlloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `GlobalAlloc`.
         unsafe { System.dealloc(block, layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
+        // SAFETY: the caller upholds the contract of `GlobalAlloc`.
         unsafe { System.realloc(block, layout, size) }
     }
 }
@@ -53,7 +53,7 @@ unsafe impl GlobalAlloc for Counting {
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
-/// Files of a head and of a table, as samplers.
+/// Writes files of heads and of a table and returns the samplers' specifications.
 fn files(environment: &Environment, folder: &Path) -> Vec<String> {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
@@ -78,16 +78,16 @@ fn files(environment: &Environment, folder: &Path) -> Vec<String> {
     ]
 }
 
-/// One test, since the allocator counts for the whole process.
+/// A single test, since the allocator counts for the whole process.
 #[test]
-fn samples_ask_for_no_memory() {
-    // One that learns asks for memory for what it learns.
+fn sampling_does_not_allocate() {
+    // Without samplers that train, which allocate.
     const SAMPLERS: [&str; 8] = ["brdf", "emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "split:4:patches"];
     const WIDTH: usize = 64;
     const HEIGHT: usize = 48;
     const FEW: u32 = 64;
     const MANY: u32 = 256;
-    // Work is handed to threads in passes of many samples, and that is on the heap: once for each tile in some hundred samples.
+    // Dispatching a pass to threads allocates about once per tile and hundred samples.
     let allowed = WIDTH * HEIGHT / 256 * (MANY - FEW) as usize / 100;
     let scene = Scene::built_in("dishes").unwrap();
     let environment = Arc::new(built_in("window").unwrap());
@@ -114,7 +114,7 @@ fn samples_ask_for_no_memory() {
                 threads.install(|| drop(render(view, &*estimator, Budget::Spp(spp), points, &stop, &|_| {})));
                 CALLS.load(Ordering::Relaxed) - before
             };
-            // The work space of the thread grows once.
+            // The thread's buffers grow once.
             calls(FEW);
             let (few, many) = (calls(FEW), calls(MANY));
             assert!(many <= few + allowed, "{sampler}, depth {depth}: {few} and {many}");

@@ -1,4 +1,4 @@
-//! Compositing: masks against integrals, furnaces, and what is left as it was.
+//! Compositing: masks against integrals, furnaces, and unaffected pixels.
 
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -12,12 +12,12 @@ use headtail_render::{
     spec::{BuildContext, SamplerSpec},
 };
 
-/// A square of 1 m, 0.5 m above the origin, that faces down and up alike.
+/// Returns a two-sided square of 1 m, 0.5 m above the origin.
 fn lid() -> Scene {
     Scene::square(Vec3A::new(0.2, 0.5, 0.0), Vec3A::Y, 1.0).unwrap()
 }
 
-/// A camera below the lid whose picture is one point of the ground, the origin, to 1e-4 m.
+/// Returns a camera below the lid whose picture shows only the origin, to 1e-4 m.
 fn at_origin() -> Camera {
     Camera::new(Vec3A::new(0.0, 0.4, 0.0), Vec3A::ZERO, 0.02).unwrap()
 }
@@ -30,32 +30,33 @@ fn grey(width: usize, height: usize, value: f32) -> Photograph {
     Photograph::of_radiance(Image { width, height, pixels: vec![[value; 3]; width * height] })
 }
 
-/// A film of a lid over a plane.
+/// Computes a film of a lid over a plane.
 fn film(environment: &Arc<Environment>, sampler: &str, settings: Settings) -> Film {
     let (camera, object) = (at_origin(), lid());
     let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera).unwrap();
     film_on(environment, sampler, settings, catcher)
 }
 
-/// A film of a lid over any catcher.
+/// Computes a film of a lid over any catcher.
 fn film_on(environment: &Arc<Environment>, sampler: &str, settings: Settings, catcher: Catcher) -> Film {
     let (camera, object) = (at_origin(), lid());
     let stage = Stage::new(object, catcher).unwrap();
     let photograph = grey(settings.width, settings.height, 1.0);
     let backdrop = Backdrop::new(&stage, environment, &photograph, camera, Vec3A::ONE);
-    // What is learned is drawn with whatever it gains.
+    // Trained visibility is used regardless of its predicted gain.
     let context = BuildContext { always: true, ..BuildContext::default() };
     let estimator = sampler.parse::<SamplerSpec>().unwrap().build_in(environment, context).unwrap();
     let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
     compose(composition, settings, &AtomicBool::new(false), &|_| {})
 }
 
-/// The mask at the origin under the lid by midpoints of cells of the map: the lid is where a direction meets its plane inside of the square.
+/// Integrates the mask at the origin under the lid by midpoints of cells of the map; directions that meet the
+/// lid's plane inside the square are blocked.
 fn truth(environment: &Environment) -> DVec3 {
     truth_where(environment, |_| true)
 }
 
-/// The same over the directions that a catcher leaves open.
+/// Integrates the mask over the directions that a catcher leaves open.
 fn truth_where(environment: &Environment, is_open: impl Fn(Vec3A) -> bool) -> DVec3 {
     let (width, height) = (2048, 1024);
     let (mut open, mut all) = (DVec3::ZERO, DVec3::ZERO);
@@ -74,7 +75,8 @@ fn truth_where(environment: &Environment, is_open: impl Fn(Vec3A) -> bool) -> DV
     open / all
 }
 
-/// Mean over pixels and its standard error, by blocks of 8 x 8 pixels: neighbours share what a control variate is multiplied by.
+/// Returns the mean over pixels and its standard error by blocks of 8 x 8 pixels, since the factors of
+/// neighbouring control variates are correlated.
 fn mean(mask: &Mask, channel: usize) -> (f64, f64) {
     let side = mask.width / 8;
     let mut blocks = vec![0.0; side * side];
@@ -87,8 +89,10 @@ fn mean(mask: &Mask, channel: usize) -> (f64, f64) {
     (mean, (variance / count).sqrt())
 }
 
-/// 13 pairs of map and sampler, 3 channels and 2 forms are 78 tests: at 4.5 standard errors a right estimator fails one of them with a chance of
-/// 78 x 6.8e-6 = 5e-4, and seeds are fixed. Cosine sampling finds lamps too seldom for a normal distribution of means. The quadrature is off by its steps at the lid's edges, 2048 x 1024 cells: 1e-4 at most.
+/// 13 pairs of map and sampler, 3 channels and 2 forms are 78 tests: at 4.5 standard errors, a correct
+/// estimator fails one of them with a probability of 78 x 6.8e-6 = 5e-4, and seeds are fixed. Cosine sampling
+/// hits lamps too rarely for normally distributed means. The quadrature of 2048 x 1024 cells has an error of
+/// at most 1e-4, from the lid's edges.
 #[test]
 fn unbiased_forms_have_the_mean_of_the_integral() {
     const QUADRATURE: f64 = 1e-4;
@@ -115,7 +119,7 @@ fn unbiased_forms_have_the_mean_of_the_integral() {
     }
 }
 
-/// Where what is visible was learned before the picture, the mask has less noise: a sampler that knew it exactly would leave none.
+/// With exact visibility the mask would have no noise.
 #[test]
 fn learned_visibility_lowers_the_noise_of_the_mask() {
     let environment = Arc::new(built_in("studio").unwrap());
@@ -127,10 +131,10 @@ fn learned_visibility_lowers_the_noise_of_the_mask() {
     }
 }
 
-/// What the control variate is for: forms without it vary where the sampler's weights do, and the paper's is wrong with a sampler that is not
-/// the product.
+/// Forms without a control variate vary with the sampler's weights, and the paper's form is wrong unless the
+/// sampler's density is the product.
 #[test]
-fn biased_forms_are_found_out() {
+fn biased_forms_are_detected() {
     let environment = Arc::new(built_in("studio").unwrap());
     let expected = truth(&environment);
     let film = film(&environment, "cosine", settings(128, 2));
@@ -146,7 +150,7 @@ fn biased_forms_are_found_out() {
     assert!(off < 4.5 * error + 1e-4, "{off} +- {error}");
 }
 
-/// A dim sky with a lamp, of few texels: the irradiance of all normals of a mesh is quickly summed up.
+/// Returns a dim sky with a lamp, of few texels, so that the irradiance table of a mesh is built quickly.
 fn small_sky() -> Arc<Environment> {
     let pixel = |k: usize| match (k % 64, k / 64) {
         (8..12, 5..9) => [60.0, 50.0, 40.0],
@@ -156,9 +160,9 @@ fn small_sky() -> Arc<Environment> {
     Arc::new(Environment::from_image("small sky", image).unwrap())
 }
 
-/// On a mesh that does not shadow itself the control variate is unbiased, too, where the ratio is not.
+/// On a mesh without self-shadowing, the control variate is unbiased as well; the ratio is not.
 #[test]
-fn a_mesh_has_an_unbiased_mask_where_it_does_not_shadow_itself() {
+fn the_mask_of_a_mesh_without_self_shadowing_is_unbiased() {
     let environment = small_sky();
     let expected = truth(&environment);
     let catcher = Catcher::mesh(Scene::square(Vec3A::ZERO, Vec3A::Y, 60.0).unwrap());
@@ -170,18 +174,19 @@ fn a_mesh_has_an_unbiased_mask_where_it_does_not_shadow_itself() {
     let (off, error) = deviation(MaskForm::Ratio);
     assert!(off > 10.0 * error && off > 0.02, "{off} +- {error}");
     for form in [MaskForm::Weights, MaskForm::ControlVariate] {
-        // The table's irradiance is off by 5e-5 and the quadrature by 1e-4.
+        // The table's irradiance has an error of 5e-5, the quadrature of 1e-4.
         let (off, error) = deviation(form);
         assert!(off < 4.5 * error + 1.5e-4, "{form}: {off} +- {error}");
     }
 }
 
-/// A wall of the catcher takes its own part of the light, which is not in the mask: forms agree with the integral over what it leaves.
+/// The light that a wall of the catcher blocks is not in the mask: forms agree with the integral over the
+/// open directions.
 #[test]
-fn what_a_mesh_shadows_itself_is_left_out() {
+fn self_shadowing_of_a_mesh_is_excluded() {
     let environment = small_sky();
     let ground = Scene::square(Vec3A::ZERO, Vec3A::Y, 60.0).unwrap();
-    // Beside the lid, light comes over a wall only.
+    // Besides the lid, a wall blocks light.
     let wall = Scene::square(Vec3A::new(0.8, 0.0, 0.0), Vec3A::NEG_X, 8.0).unwrap();
     let catcher = Catcher::mesh(ground.joined(&wall).unwrap());
     let film = film_on(&environment, "patches", settings(64, 64), catcher);
@@ -194,8 +199,8 @@ fn what_a_mesh_shadows_itself_is_left_out() {
     let expected = truth_where(&environment, is_open);
     assert!((expected.y - truth(&environment).y).abs() > 0.02, "the wall should matter: {expected}");
     for form in [MaskForm::Ratio, MaskForm::Weights, MaskForm::ControlVariate] {
-        // The bias of a ratio is of the order of its relative variance: a binary visibility has at most 1/4 / 64 of squared mean, 4e-3, and
-        // stratified points have less than a tenth of that.
+        // The bias of a ratio is of the order of its relative variance: at most 1/4 / 64 = 4e-3 for binary
+        // visibility, and less than 10 % of that with stratified points.
         let (mean, error) = mean(&Mask::of(&film, form), 1);
         assert!((mean - expected.y).abs() < 4.5 * error + 5e-4, "{form}: {mean} +- {error}, not {}", expected.y);
     }
@@ -213,11 +218,13 @@ fn a_second_pass_gives_the_same_mask() {
     });
     let (two, error) = mean(&Mask::of_two(&with, &without), 1);
     let expected = truth(&environment).y;
-    // The quotient's bias is of the order of the relative variance of the second pass, which is below 1e-3 at 64 samples.
+    // The quotient's bias is of the order of the relative variance of the second pass, below 1e-3 at 64
+    // samples.
     assert!((two - expected).abs() < 4.5 * error + 1.1e-3, "{two} +- {error}, not {expected}");
 }
 
-/// A white object on a white ground under a white sky: all is as bright as the sky, whatever is shadowed and thrown back.
+/// A white object on white ground under a white sky: shadows and reflected light cancel, and everything is as
+/// bright as the sky.
 #[test]
 fn a_white_furnace_is_white() {
     let environment = Arc::new(Environment::from_image("white", grey(256, 128, 2.0).image).unwrap());
@@ -228,7 +235,7 @@ fn a_white_furnace_is_white() {
     let (low, size) = (object.bounds().min.y, 48);
     let catcher = Catcher::plane(Vec3A::new(0.0, low, 0.0), Vec3A::Y, &object, &camera).unwrap();
     let stage = Stage::new(object, catcher).unwrap();
-    // Half of the sky's radiance in the units of the photograph.
+    // 1 in the photograph is the sky's radiance of 2.
     let photograph = grey(size, size, 1.0);
     let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::splat(2.0));
     let estimator = SamplerSpec::brdf().build(&environment).unwrap();
@@ -244,13 +251,14 @@ fn a_white_furnace_is_white() {
         let sum: f32 = (0..size * size).map(|k| weight(k) * composite.pixels[k][1]).sum();
         sum / (0..size * size).map(weight).sum::<f32>()
     };
-    // Over hundreds of pixels of 256 samples whose standard deviation is below 1: 3e-3 for the object, and less for the ground. The ground ends
-    // 60 sizes away, which the object sees as 1e-3 of its sky.
+    // Hundreds of pixels of 256 samples with a standard deviation below 1: 3e-3 for the object, less for the
+    // ground. The ground ends 60 sizes away, which removes 1e-3 of its light on the object.
     assert!((mean(&|k| layers.alpha[k]) - 1.0).abs() < 1e-2, "object {}", mean(&|k| layers.alpha[k]));
     assert!((mean(&|k| 1.0 - layers.alpha[k]) - 1.0).abs() < 3e-3, "ground {}", mean(&|k| 1.0 - layers.alpha[k]));
 }
 
-/// A mirror ball on a photograph that is red on the left and green on the right, under a blue map: below it shows the photograph, and above the map.
+/// A mirror ball on a photograph, red on the left and green on the right, under a blue map: its lower part
+/// reflects the photograph, its upper part the map.
 #[test]
 fn a_glossy_object_shows_the_photograph() {
     const SIDE: usize = 48;
@@ -281,7 +289,7 @@ fn a_glossy_object_shows_the_photograph() {
     };
     let above = mean(&|k| k / SIDE < top + (bottom - top) / 3);
     let below = |left: bool| mean(&|k| k / SIDE > bottom - (bottom - top) / 3 && is_left(k) == left);
-    // A smooth ball reflects all light but for some per cent, from one place for each pixel.
+    // A smooth ball reflects all but a few per cent of the light, from one point per pixel.
     assert!(above.z > 0.9 && above.x + above.y < 0.05, "{above}");
     for (color, own, other) in [(below(true), 0, 1), (below(false), 1, 0)] {
         assert!(color[own] > 0.5 && color[other] < 0.1 * color[own] && color.z < 0.5 * color[own], "{own}: {color}");
@@ -292,7 +300,7 @@ fn object_bounds() -> headtail_render::scene::Bounds {
     Scene::open("sphere").unwrap().bounds()
 }
 
-/// A wall that is lit from below only: the lid below it casts no shadow onto it, though it blocks the light.
+/// The lid below a wall that is lit only from below casts no shadow, although it blocks the light.
 #[test]
 fn light_from_below_the_horizon_casts_no_shadow() {
     let rows = |k: usize| if k < 16 * 8 { [0.0; 3] } else { [1.0; 3] };
@@ -314,7 +322,7 @@ fn light_from_below_the_horizon_casts_no_shadow() {
     }
 }
 
-/// A square as a mesh is the plane: what it shadows of itself is nothing, and its irradiance is in the table.
+/// A square mesh equals a plane: it has no self-shadowing, and its irradiance is in the table.
 #[test]
 fn a_flat_mesh_catches_as_a_plane_does() {
     let environment = Arc::new(built_in("studio").unwrap());
@@ -335,12 +343,12 @@ fn a_flat_mesh_catches_as_a_plane_does() {
         Mask::of(&film, MaskForm::Ratio)
     });
     let sums = masks.each_ref().map(|mask| mask.values.iter().map(|value| f64::from(value[1])).sum::<f64>() / 1024.0);
-    // The same random numbers at points that differ by rounding.
+    // Equal random numbers at points that differ by rounding.
     assert!((sums[0] - sums[1]).abs() < 1e-3 && sums[0] < 0.97, "{sums:?}");
 }
 
 #[test]
-fn what_nothing_falls_on_is_the_photograph_to_the_bit() {
+fn unaffected_pixels_equal_the_photograph_bit_for_bit() {
     let environment = Arc::new(built_in("studio").unwrap());
     let object = lid();
     let camera = Camera::new(Vec3A::new(0.0, 1.5, 6.0), Vec3A::new(0.0, 1.5, 0.0), 50.0).unwrap();

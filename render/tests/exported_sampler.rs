@@ -1,4 +1,4 @@
-//! The example that reads an exported file is short, and estimates the light that there is.
+//! The example that reads an exported file is short and estimates the correct light.
 
 #[path = "../examples/exported_sampler.rs"]
 #[expect(dead_code)]
@@ -9,14 +9,14 @@ use std::{f32::consts::PI, path::Path};
 use glam::{Vec2, Vec3A};
 use headtail_render::{environment::built_in, latlong};
 
-/// The light on a surface that looks upwards, by the midpoint rule over the map.
+/// Integrates the light on an upward-facing surface by the midpoint rule over the map.
 fn reflected_upwards(map: &str) -> Vec3A {
     const ROWS: usize = 1024;
     let map = built_in(map).unwrap();
     let mut sum = Vec3A::ZERO;
     for row in 0..ROWS / 2 {
         let height = (row as f32 + 0.5) / ROWS as f32;
-        // cosine / pi times the solid angle of a cell.
+        // cosine / pi times the cell's solid angle.
         let weight = (height * PI).cos() / PI * (height * PI).sin() * (PI / ROWS as f32).powi(2);
         for column in 0..2 * ROWS {
             let wi = latlong::direction(Vec2::new((column as f32 + 0.5) / (2 * ROWS) as f32, height));
@@ -27,7 +27,7 @@ fn reflected_upwards(map: &str) -> Vec3A {
 }
 
 #[test]
-fn the_example_is_short_and_estimates_the_light_that_there_is() {
+fn the_example_is_short_and_estimates_the_correct_light() {
     assert!(include_str!("../examples/exported_sampler.rs").lines().count() < 40);
     for kind in ["direct", "head"] {
         let file = format!("../checkpoints/window-{kind}.safetensors");

@@ -1,4 +1,5 @@
-//! The neural materials that ship with the project: they load, go where they belong, and every sampler renders the same picture of them.
+//! The project's neural materials: they load, are assigned to the correct meshes, and every sampler renders
+//! the same picture of them.
 
 mod layers;
 
@@ -26,7 +27,7 @@ use headtail_render::{
 };
 use layers::random_layers;
 
-/// The specification of a shipped material.
+/// Returns the specification of a shipped material.
 fn spec(name: &str, settings: &str) -> MaterialSpec {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints");
     format!("neural:{folder}/{name}.safetensors{settings}").parse().unwrap()
@@ -39,7 +40,7 @@ fn dressed(scene: &str, name: &str, settings: &str) -> headtail_render::Result<S
 }
 
 #[test]
-fn shipped_materials_say_what_they_are() {
+fn shipped_materials_have_a_description() {
     for name in ["welt", "satin", "velvet", "jersey"] {
         let MaterialSpec::Neural(spec) = spec(name, "") else { panic!("{name}") };
         let material = NeuralTexture::read(&spec.file).unwrap();
@@ -48,7 +49,8 @@ fn shipped_materials_say_what_they_are() {
     }
 }
 
-/// Files of a head with random weights that knows the features at the point, and of one over patches, as samplers.
+/// Writes files of a head with random weights that is conditioned on the features at the point, and of one
+/// over patches, and returns the samplers' specifications.
 fn heads(environment: &Environment, folder: &Path) -> Vec<String> {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |inputs| [2.0 / (inputs as f32).sqrt(); 2]);
@@ -115,7 +117,7 @@ fn every_sampler_renders_the_same_picture_of_every_fabric() {
 }
 
 #[test]
-fn a_material_goes_on_what_has_coordinates_and_on_what_is_named() {
+fn materials_are_assigned_to_meshes_with_coordinates_or_by_name() {
     assert!(dressed("plane", "satin", "").is_ok());
     let error = |scene: &str, settings: &str| dressed(scene, "satin", settings).err().unwrap().to_string();
     assert!(error("sphere", "").contains("no mesh of the scene has texture coordinates"));
@@ -132,7 +134,7 @@ fn a_material_goes_on_what_has_coordinates_and_on_what_is_named() {
 }
 
 #[test]
-fn the_tangent_frame_is_the_surfaces_and_features_shift_with_the_view() {
+fn the_tangent_frame_is_that_of_the_surface_and_features_shift_with_the_view() {
     let scene = dressed("plane", "satin", ",repeat=3").unwrap();
     let seen = |offset: Vec3A| {
         let target = Vec3A::new(0.13, 0.0, -0.21);
@@ -144,7 +146,8 @@ fn the_tangent_frame_is_the_surfaces_and_features_shift_with_the_view() {
     assert!((along[8].hypot(along[9]) - 1.0).abs() < 1e-6 && along[10].abs() == 1.0);
 }
 
-/// A glTF file with one quad, 2 m along x and 1 m along -z, whose texture coordinates fill the unit square.
+/// Writes a glTF file with one quad, 2 m along x and 1 m along -z, whose texture coordinates fill the unit
+/// square.
 fn quad(folder: &std::path::Path) -> std::path::PathBuf {
     let floats: [f32; 32] = [
         0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 2.0, 0.0, -1.0, 0.0, 0.0, -1.0, // positions
@@ -169,7 +172,7 @@ fn quad(folder: &std::path::Path) -> std::path::PathBuf {
 }
 
 #[test]
-fn a_gltf_mesh_takes_a_material_by_its_texture_coordinates() {
+fn a_gltf_mesh_maps_a_material_by_its_texture_coordinates() {
     let folder = tempfile::tempdir().unwrap();
     let file = quad(folder.path());
     for settings in [",repeat=3", ",repeat=3,on=cushion"] {
@@ -185,7 +188,7 @@ fn a_gltf_mesh_takes_a_material_by_its_texture_coordinates() {
         let uv = 3.0 * Vec2::new(0.5 * 0.31, 0.77);
         let local = Vec3::new(wo.x, -wo.z, wo.y);
         let expected = texture.features(&Seen { uv, width: 0.0, wo: local, tangent: [1.0, 0.0, 1.0] });
-        // Rounding of places and views by 1e-6, over 64 texels a tile.
+        // Rounding of positions and views by 1e-6, over 64 texels per tile.
         let apart = at.surface.parameters.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(apart < 1e-3, "{settings}: {:?} {expected:?}", at.surface.parameters);
         assert_eq!(at.surface.parameters[10], 1.0);
@@ -196,7 +199,8 @@ fn a_gltf_mesh_takes_a_material_by_its_texture_coordinates() {
     assert!(error.contains("meshes are cushion"), "{error}");
 }
 
-/// A sampler of random weights for a material. The flow's Gaussian is about as wide as the disk, so that weights have a variance.
+/// Returns a sampler of random weights for a material. The flow's Gaussian is about as wide as the disk, so
+/// that weights have finite variance.
 fn random_rival(kind: RivalKind, random: &mut Stream) -> Rival {
     let mut layer = |name: &str, inputs: usize, outputs: usize| {
         let size = 1.0 / (inputs as f32).sqrt();
@@ -213,9 +217,9 @@ fn random_rival(kind: RivalKind, random: &mut Stream) -> Rival {
     .unwrap()
 }
 
-/// Alone, and in one-sample MIS with emitter sampling; points that are no cloth are drawn by BRDF sampling.
+/// Rivals alone and in one-sample MIS with emitter sampling; points on other materials use BRDF sampling.
 #[test]
-fn rivals_render_the_picture_of_mis() {
+fn rivals_render_the_same_picture_as_mis() {
     let environment = Arc::new(built_in("overcast").unwrap());
     let scene = dressed("bedroom", "satin", ",repeat=20").unwrap();
     let MaterialSpec::Neural(neural) = spec("satin", "") else { panic!("satin") };

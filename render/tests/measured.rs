@@ -1,5 +1,4 @@
-//! Neural BRDFs: the network against its definition in f64, the sampling that was fitted to it, and files that hold
-//! one.
+//! Neural BRDFs: the network against its definition in f64, its fitted sampling, and its files.
 
 mod networks;
 
@@ -22,16 +21,16 @@ use headtail_render::{
 use networks::{MATTE, MIRROR, ODD};
 use rayon::prelude::*;
 
-/// The chance that any test of a group rejects a right BRDF.
+/// Probability that any test of a group rejects a correct BRDF.
 const SIGNIFICANCE: f64 = 0.01;
 
-/// The real materials, where they are there.
+/// Returns the file of real materials, if present.
 fn real() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().map(|folder| folder.join("shared/data/nbrdf/nbrdf_all.f32")).find(|file| file.is_file())
 }
 
-/// Made-up networks, and some real ones.
+/// Returns synthetic networks and, if present, some real ones.
 fn tested() -> Vec<(String, Network)> {
     let mut all: Vec<(String, Network)> =
         [("mirror", MIRROR), ("matte", MATTE), ("odd", ODD)].map(|(name, form)| (name.into(), form.network())).into();
@@ -42,7 +41,7 @@ fn tested() -> Vec<(String, Network)> {
     all
 }
 
-/// A pair of directions above the horizon: anywhere, or near to mirrored.
+/// Returns a pair of directions above the horizon: independent, or nearly mirrored.
 fn pair(random: &mut Stream, near: bool) -> [Vec3; 2] {
     let mut above = || {
         let w = Vec3::from(random.direction());
@@ -52,11 +51,11 @@ fn pair(random: &mut Stream, near: bool) -> [Vec3; 2] {
     if near { [wo, (Vec3::new(-wo.x, -wo.y, wo.z) + 0.1 * wi).normalize()] } else { [wo, wi] }
 }
 
-/// `f_r cos` by the definition, with a bound of the error that f32 may make.
+/// Returns `f_r cos` by the definition, with a bound of the f32 error.
 ///
-/// Each layer of n inputs adds up to (n + 2) roundings of the sum of moduli to the errors that it passes on. The inputs
-/// are off by some 4 roundings, and by as many over the sine of the half vector's angle, which its azimuth is divided
-/// by.
+/// Each layer of n inputs adds up to (n + 2) roundings of the sum of moduli to the errors of its inputs. The
+/// first inputs have errors of about 4 roundings, and of 4 more over the sine of the half vector's angle, by
+/// which its azimuth is divided.
 fn oracle(network: &Network, [wo, wi]: [Vec3; 2]) -> ([f64; OUTPUTS], [f64; OUTPUTS]) {
     const ROUNDING: f64 = 6e-8;
     let (wo, wi) = (wo.as_dvec3().normalize(), wi.as_dvec3().normalize());
@@ -78,13 +77,13 @@ fn oracle(network: &Network, [wo, wi]: [Vec3; 2]) -> ([f64; OUTPUTS], [f64; OUTP
         (x, errors) = rows.map(row).unzip();
     }
     let value = |k: usize| (x[k].exp() - 1.0).max(0.0) * wi.z;
-    // exp has 2e-7 of its own, what is left of 1 two roundings of it, and the cosine some.
+    // exp adds 2e-7, the subtraction of 1 two roundings, and the cosine a few.
     let error = |k: usize| (x[k].exp() * (errors[k].exp_m1() + 4e-7) + 4.0 * ROUNDING * value(k)) * 1.01;
     (std::array::from_fn(value), std::array::from_fn(error))
 }
 
 #[test]
-fn networks_give_what_their_definition_says() {
+fn networks_match_their_definition() {
     for (name, network) in tested() {
         let mut random = Stream::new(1, Purpose::Test, 0);
         let pairs: Vec<[Vec3; 2]> = (0..2000).map(|k| pair(&mut random, k % 2 == 0)).collect();
@@ -98,8 +97,8 @@ fn networks_give_what_their_definition_says() {
                 );
             }
         }
-        // The bound is for the worst case, in which all roundings have one sign, and loose where peaks are narrow. Roundings that are as
-        // often up as down leave a hundredth of it and less: no channel is off by more than that of what is reflected in all.
+        // The bound is for roundings of one sign, and loose for narrow peaks. Roundings of both signs leave 1
+        // % of it or less: the summed error is at most that fraction of the summed reflection, per channel.
         let [mut off, mut reflected] = [[0.0; OUTPUTS]; 2];
         for (pair, value) in pairs.iter().zip(network.of_pairs(&pairs)) {
             let (expected, _) = oracle(&network, *pair);
@@ -116,7 +115,7 @@ fn networks_give_what_their_definition_says() {
 }
 
 #[test]
-fn nothing_depends_on_how_the_surface_is_turned() {
+fn values_are_invariant_under_rotation_of_the_surface() {
     let table = networks::table(&[&ODD]);
     let mut random = Stream::new(2, Purpose::Test, 0);
     let network = ODD.network();
@@ -126,14 +125,14 @@ fn nothing_depends_on_how_the_surface_is_turned() {
         let point = point(&table, 0, turn * Vec3::Z, turn * wo);
         let turned = Vec3::from(point.brdf_cosines(&[(turn * wi).into()])[0]);
         let expected = network.of_pairs(&[[wo, wi]])[0];
-        // Turned directions are off by some roundings, and the azimuth of the half vector by these over its sine (at
-        // least 1e-2 but for few).
+        // Rotated directions have an error of a few roundings, and the azimuth of the half vector of these
+        // over its sine (almost always at least 1e-2).
         assert!((turned - expected).abs().max_element() <= 2e-4 * expected.max_element(), "{turned} {expected}");
     }
 }
 
 #[test]
-fn below_the_horizon_and_in_mirror_directions_there_are_numbers() {
+fn values_are_finite_below_the_horizon_and_in_mirror_directions() {
     let network = MIRROR.network();
     let up = Vec3::new(0.6, 0.0, 0.8);
     for (wo, wi) in [(up, -up), (-up, up), (-up, -up), (Vec3::X, up), (up, Vec3::X)] {
@@ -147,14 +146,14 @@ fn below_the_horizon_and_in_mirror_directions_there_are_numbers() {
     }
 }
 
-/// Copies of a point with one of the BRDFs that a table was given.
+/// Returns copies of a point with one of the BRDFs of a table.
 fn point(table: &BrdfTable, which: u32, n: Vec3, wo: Vec3) -> OnePoint {
     let surface = Surface { brdf: BrdfTable::METALLIC_ROUGHNESS + 1 + which, parameters: [0.0; MAX_PARAMETERS] };
     let n = n.into();
     ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: wo.into(), surface }.one_of(table)
 }
 
-/// Points of all networks, seen at several cosines.
+/// Returns points with all networks, seen at several cosines.
 fn points() -> Vec<(String, OnePoint)> {
     let all = tested();
     let table = all.iter().fold(BrdfTable::default(), |table, (name, network)| {
@@ -183,7 +182,7 @@ fn directions_are_drawn_with_the_claimed_density() {
     let failures: Vec<String> = points
         .into_par_iter()
         .filter_map(|(name, point)| {
-            // The quadrature of the test resolves lobes that are wider than its sub-cells, 0.02 rad.
+            // The quadrature resolves lobes that are wider than its sub-cells, 0.02 rad.
             let narrow = point.lobe_width() < 0.1;
             (!narrow)
                 .then(|| draws_follow_pdf(&point, tests))
@@ -194,10 +193,10 @@ fn directions_are_drawn_with_the_claimed_density() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// What a chi-square test on the sphere and the integral of the pdf find wrong.
+/// Returns the failures of a chi-square test on the sphere and of the integral of the pdf.
 fn draws_follow_pdf(point: &OnePoint, tests: usize) -> Vec<String> {
     let (rows, subcells, samples) = (51, 3, 200_000);
-    // The share of draws that give a direction has a standard deviation of at most 1.2e-3.
+    // The fraction of accepted draws has a standard deviation of at most 1.2e-3.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 6e-3, ..SphereChiSquare::default() };
     let draw = |random: &mut Stream, count: usize| {
         point.sample_brdf(&uniforms(random, count)).into_iter().map(|sample| Some(sample?.0)).collect()
@@ -205,7 +204,7 @@ fn draws_follow_pdf(point: &OnePoint, tests: usize) -> Vec<String> {
     test.run(draw, |w| means_over(point, w, rows * subcells)).failures
 }
 
-/// The means of the pdf over sub-cells around directions, by 8 x 8 points each.
+/// Returns the means of the pdf over sub-cells around directions, by 8 x 8 points each.
 fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize) -> Vec<f32> {
     const SIDE: usize = 8;
     let extent = Vec2::new(0.5, 1.0) / rows as f32;
@@ -225,7 +224,7 @@ fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize) -> Vec<f32> {
 }
 
 #[test]
-fn the_pdf_of_a_sample_is_the_sample_s_pdf() {
+fn the_pdf_of_a_sampled_direction_equals_the_returned_pdf() {
     for (name, point) in points() {
         let drawn = point.sample_brdf(&uniforms(&mut Stream::new(4, Purpose::Test, 0), 3000));
         let (wi, pdfs): (Vec<Vec3A>, Vec<f32>) = drawn.into_iter().flatten().unzip();
@@ -234,7 +233,7 @@ fn the_pdf_of_a_sample_is_the_sample_s_pdf() {
     }
 }
 
-/// Under a white sky the mean over drawn directions is the mean over uniform ones.
+/// Under a white sky, sampled and uniform directions have equal means.
 #[test]
 fn drawn_and_uniform_directions_reflect_the_same() {
     let points: Vec<_> = points().into_iter().filter(|(_, point)| point.lobe_width() > 0.02).collect();
@@ -261,9 +260,9 @@ fn drawn_and_uniform_directions_reflect_the_same() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// The fit is worth having: an estimate under a white sky has a small relative variance, less than by a cosine lobe.
+/// An estimate under a white sky has a small relative variance, below that of a cosine lobe.
 #[test]
-fn fitted_lobes_are_near_to_the_material() {
+fn fitted_lobes_approximate_the_material() {
     for (name, network) in tested() {
         let brdf = NeuralBrdf::new(&name, network).unwrap();
         let check = brdf.check();
@@ -271,16 +270,16 @@ fn fitted_lobes_are_near_to_the_material() {
         assert!(check.albedos.len() == VIEWS.len() && check.largest_albedo() > 0.0, "{name}: {check}");
     }
     let check = |form: &networks::Form| *NeuralBrdf::new("form", form.network()).unwrap().check();
-    // Neither depends on the difference vector's azimuth: light may run either way but for rounding.
+    // Neither depends on the difference vector's azimuth, so both are reciprocal up to rounding.
     assert!(check(&MIRROR).reciprocity_error < 1e-4 && check(&MATTE).reciprocity_error < 1e-4);
     assert!(check(&ODD).reciprocity_error > 1e-3, "{}", check(&ODD));
     assert!(check(&MIRROR).alpha < check(&MATTE).alpha);
-    // exp(4) - 1 without the cosine, at normal incidence: all of the light and more.
+    // exp(4) - 1 without the cosine, at normal incidence: more than all of the light.
     let shining = networks::Form { base: 4.0, ..MATTE };
     assert!(check(&shining).largest_albedo() > 1.0 && check(&shining).to_string().contains("more than it receives"));
 }
 
-/// Names and networks in files of either kind.
+/// Writes names and networks to files of either kind.
 fn file(folder: &Path) -> PathBuf {
     let path = folder.join("materials.safetensors");
     let all = [("a/mirror", MIRROR), ("odd", ODD)].map(|(name, form)| (name.to_owned(), form.network()));
@@ -327,7 +326,7 @@ fn raw_rows_are_read_as_they_are_documented() {
     assert_eq!(numbers(&read[1].1), numbers(&network));
 }
 
-/// The error of a material's specification in a small scene.
+/// Returns the error of a material's specification in a small scene.
 fn refused(spec: &str) -> String {
     let scene = Scene::built_in("plane").unwrap();
     let bounds = scene.bounds();
@@ -336,7 +335,7 @@ fn refused(spec: &str) -> String {
 }
 
 #[test]
-fn hostile_files_are_refused_with_a_sentence() {
+fn hostile_files_are_rejected_with_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let path = file(folder.path());
     let good = fs::read(&path).unwrap();
@@ -350,7 +349,7 @@ fn hostile_files_are_refused_with_a_sentence() {
     says(&spec("materials.safetensors#steel"), "'steel'");
     says(&spec("missing.safetensors"), "missing.safetensors");
     says(&spec("materials.png"), "neither .safetensors nor .f32");
-    // Cut anywhere, and with any byte damaged: a sentence or materials, never a panic.
+    // Truncated anywhere, or with any byte damaged: an error or materials, never a panic.
     for length in (0..good.len()).step_by(97) {
         fs::write(at("cut.safetensors"), &good[..length]).unwrap();
         assert!(read_networks(&at("cut.safetensors")).is_err(), "cut at {length}");
@@ -362,12 +361,12 @@ fn hostile_files_are_refused_with_a_sentence() {
         bytes[place] = (random.uniform() * 256.0) as u8;
         fs::write(at("damaged.safetensors"), &bytes).unwrap();
         let networks = read_networks(&at("damaged.safetensors")).unwrap_or_default();
-        // A fit takes a tenth of a second.
+        // A fit takes 0.1 s.
         if k % 50 == 0 {
             networks.into_iter().for_each(|(name, network)| drop(NeuralBrdf::new(&name, network)));
         }
     }
-    // A header that promises more than there is.
+    // A header whose size exceeds the file.
     let mut bytes = good.clone();
     bytes[..8].copy_from_slice(&u64::MAX.to_le_bytes());
     fs::write(at("header.safetensors"), &bytes).unwrap();

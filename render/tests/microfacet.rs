@@ -1,6 +1,6 @@
-//! Microfacet BRDFs draw what their pdf says and reflect what the textbook says they do.
+//! Tests of microfacet BRDFs: samples follow their pdf, and reflectance matches the textbook.
 //!
-//! The reference is written in f64 from the textbook's formulas and shares nothing with the code under test.
+//! The reference implements the textbook's formulas in f64, independently of the code under test.
 
 use glam::{DVec3, Vec2, Vec3, Vec3A};
 use headtail_render::{
@@ -14,19 +14,19 @@ use headtail_render::{
 };
 use rayon::prelude::*;
 
-/// The chance that any test of a group rejects a right BRDF.
+/// Probability that any test of a group rejects a correct BRDF.
 const SIGNIFICANCE: f64 = 0.01;
 
 const ALPHAS: [f32; 4] = [0.05, 0.2, 0.4, 1.0];
 /// From normal incidence to grazing.
 const COSINES: [f32; 5] = [1.0, 0.8, 0.4, 0.1, 0.02];
 
-/// Every pair of a width and a cosine of `wo`.
+/// Returns all pairs of a width and a cosine of `wo`.
 fn pairs() -> Vec<(f32, f32)> {
     ALPHAS.iter().flat_map(|&alpha| COSINES.map(|cos| (alpha, cos))).collect()
 }
 
-/// A normal that is in no special place, and a direction at the given cosine from it.
+/// Returns a random normal, and a direction at the given cosine to it.
 fn oriented(cos: f32, index: usize) -> (Vec3, Vec3) {
     let mut random = Stream::new(11, Purpose::Test, index as u64);
     let normal = Vec3::from(random.direction());
@@ -35,28 +35,28 @@ fn oriented(cos: f32, index: usize) -> (Vec3, Vec3) {
     (normal, Frame::from_normal(normal).to_world(Vec3::new(sin * cos_phi, sin * sin_phi, cos)).normalize())
 }
 
-/// Copies of a point of a surface.
+/// Returns copies of a point of a surface.
 fn point(surface: impl Into<Surface>, normal: Vec3, wo: Vec3) -> OnePoint {
     let (n, wo) = (normal.into(), wo.into());
     ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface: surface.into() }.one()
 }
 
-/// Uniform points.
+/// Returns uniform points.
 fn uniforms(random: &mut Stream, count: usize) -> Vec<Vec2> {
     (0..count).map(|_| random.uniform2()).collect()
 }
 
-/// What the textbook says of a width and a cosine of `wo`, with F = 1.
+/// Textbook values for a width and a cosine of `wo`, with F = 1.
 struct Reference {
-    /// Reflected share of the light of a white sky.
+    /// Reflected fraction of the light of a white sky.
     albedo: f64,
-    /// Share of the visible microfacets that reflect `wo` to above the horizon.
+    /// Fraction of the visible microfacets that reflect `wo` to above the horizon.
     above: f64,
 }
 
 impl Reference {
-    /// By quadrature over microfacet normals, in proportion to `D(m) (n . m) s` with `1 - x = s^2` of the uniform `x` that stands
-    /// for the elevation: the projected areas grow with `1 / s` towards the horizon.
+    /// Integrates over microfacet normals in proportion to `D(m) (n . m) s`, where `1 - x = s^2` for the
+    /// uniform elevation variable `x`: the projected areas grow with `1 / s` towards the horizon.
     fn new(alpha: f32, cos: f32) -> Self {
         const SIDE: usize = 1000;
         let (alpha, cos) = (f64::from(alpha), f64::from(cos));
@@ -88,14 +88,14 @@ impl Reference {
     }
 }
 
-/// The means of a pdf over the sub-cells of a chi-square test around directions: by `most x most` points where that is
-/// more than a sample in 1e6, else by 4 x 4.
+/// Returns the means of a pdf over the sub-cells of a chi-square test around directions: by `most x most`
+/// points where the mass exceeds one sample in 1e6, else by 4 x 4.
 fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize, most: usize) -> Vec<f32> {
     let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
     let extent = Vec2::new(0.5, 1.0) / rows as f32;
     let mut means = means_of(point, &centres, extent, 4);
     let mass = |k: usize| means[k] * extent.x * extent.y / latlong::solid_angle_factor(centres[k].y);
-    // Not below: what is no number has the finer points, too.
+    // NaN uses the finer points, too.
     let finer: Vec<usize> = (0..centres.len()).filter(|&k| mass(k).is_nan() || mass(k) >= 1e-6).collect();
     let own: Vec<Vec2> = finer.iter().map(|&k| centres[k]).collect();
     for (&k, mean) in finer.iter().zip(means_of(point, &own, extent, most)) {
@@ -104,7 +104,7 @@ fn means_over(point: &OnePoint, w: &[Vec3A], rows: usize, most: usize) -> Vec<f3
     means
 }
 
-/// The means of a pdf over sub-cells around centres, by `side x side` points each.
+/// Returns the means of a pdf over sub-cells around centres, by `side x side` points each.
 fn means_of(point: &OnePoint, centres: &[Vec2], extent: Vec2, side: usize) -> Vec<f32> {
     let place = |centre: Vec2, k: usize| {
         let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
@@ -122,10 +122,10 @@ fn means_of(point: &OnePoint, centres: &[Vec2], extent: Vec2, side: usize) -> Ve
     points.chunks_exact(side * side).zip(pdfs.chunks_exact(side * side)).map(mean).collect()
 }
 
-/// What a chi-square test on the sphere finds wrong with the samples of one BRDF under the pdf of another.
+/// Returns the failures of a chi-square test of the samples of one BRDF against the pdf of another.
 fn draws_follow_pdf(drawn: &OnePoint, claimed: &OnePoint, side: usize, tests: usize) -> Vec<String> {
     let (rows, subcells, samples) = (51, 3, 300_000);
-    // The share of draws that give a direction has a standard deviation of at most 1e-3.
+    // The fraction of accepted draws has a standard deviation of at most 1e-3.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 5e-3, ..SphereChiSquare::default() };
     let draw = |random: &mut Stream, count: usize| {
         drawn.sample_brdf(&uniforms(random, count)).into_iter().map(|sample| Some(sample?.0)).collect()
@@ -133,7 +133,8 @@ fn draws_follow_pdf(drawn: &OnePoint, claimed: &OnePoint, side: usize, tests: us
     test.run(draw, |w| means_over(claimed, w, rows * subcells, side)).failures
 }
 
-/// Points along a side of a sub-cell (0.02 rad): at grazing angles a lobe is `2 alpha cos` wide across the plane of incidence.
+/// Returns the points along a side of a sub-cell (0.02 rad): at grazing angles a lobe is `2 alpha cos` wide
+/// across the plane of incidence.
 fn points_for(alpha: f32, cos: f32) -> usize {
     if alpha * cos.max(0.1) < 0.03 { 14 } else { 5 }
 }
@@ -155,7 +156,7 @@ fn ggx_directions_are_drawn_with_the_claimed_density() {
 }
 
 #[test]
-fn a_width_that_is_off_by_five_percent_is_found_out() {
+fn a_width_error_of_five_percent_is_detected() {
     for (k, &(alpha, cos)) in pairs().iter().enumerate().step_by(3) {
         let (normal, wo) = oriented(cos, k);
         let of_width = |alpha| point(Ggx::new(alpha, Vec3::ONE), normal, wo);
@@ -164,8 +165,8 @@ fn a_width_that_is_off_by_five_percent_is_found_out() {
     }
 }
 
-/// Whether a mean is `truth`, as far as its standard error tells, at the significance of a group of `tests`; `slack` is the
-/// error of the truth.
+/// Tests that a mean is `truth`, up to its standard error at the significance of a group of `tests`; `slack`
+/// is the error of `truth`.
 fn is_mean(values: &[f64], truth: f64, slack: f64, tests: usize) -> Result<(), String> {
     let Moments { count, mean, variance } = Moments::of(values).unwrap();
     let error = (variance / count as f64).sqrt();
@@ -175,7 +176,7 @@ fn is_mean(values: &[f64], truth: f64, slack: f64, tests: usize) -> Result<(), S
 }
 
 #[test]
-fn ggx_reflects_what_the_textbook_says() {
+fn ggx_matches_the_textbook() {
     let pairs = pairs();
     let failures: Vec<String> = pairs
         .par_iter()
@@ -183,7 +184,7 @@ fn ggx_reflects_what_the_textbook_says() {
         .flat_map(|(k, &(alpha, cos))| {
             let (normal, wo) = oriented(cos, k);
             let (point, reference) = (point(Ggx::new(alpha, Vec3::ONE), normal, wo), Reference::new(alpha, cos));
-            // F is 1: the BRDF is the lobe.
+            // With F = 1, the BRDF is the lobe.
             let values = |wi: &[Vec3A]| point.brdf_cosines(wi).into_iter().map(|value| f64::from(value.x));
             let mut random = Stream::new(12, Purpose::Test, k as u64);
             let draws = point.sample_brdf(&uniforms(&mut random, 200_000));
@@ -192,12 +193,13 @@ fn ggx_reflects_what_the_textbook_says() {
                 values(&directions).zip(pdfs).map(|(value, pdf)| value / f64::from(pdf)).collect();
             weights.resize(draws.len(), 0.0);
             let above: Vec<f64> = draws.iter().map(|d| f64::from(u8::from(d.is_some()))).collect();
-            // The same by uniform directions, which need no pdf.
+            // Also by uniform directions, which need no pdf.
             let upper = |wi: Vec3A| if wi.dot(normal.into()) < 0.0 { -wi } else { wi };
             let directions: Vec<Vec3A> = (0..400_000).map(|_| upper(random.direction())).collect();
             let uniform: Vec<f64> = values(&directions).map(|value| value * std::f64::consts::TAU).collect();
             let tests = 3 * pairs.len();
-            // The reference jumps at the horizon: where that runs along a row of its 1000, half of the row is in doubt.
+            // The reference is discontinuous at the horizon: if that runs along one of 1000 rows, half of the
+            // row is uncertain.
             let checks = [
                 ("albedo", is_mean(&weights, reference.albedo, 1.0 / 2000.0, tests)),
                 ("share above the horizon", is_mean(&above, reference.above, 1.0 / 2000.0, tests)),
@@ -231,13 +233,14 @@ fn mixed_directions_are_drawn_with_the_claimed_density() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// A square of stratified points.
+/// Returns stratified points.
 fn square(side: usize) -> Vec<Vec2> {
     let point = |k: usize| Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32;
     (0..side * side).map(point).collect()
 }
 
-/// The share of a white sky that `of` reflects (in its green channel), by `side x side` directions that `drawn` draws.
+/// Returns the fraction of a white sky that `of` reflects (in its green channel), by `side x side` directions
+/// sampled by `drawn`.
 fn reflected(drawn: &OnePoint, side: usize, of: impl Fn(&[Vec3A]) -> Vec<Vec3A>) -> f64 {
     let (wi, pdfs): (Vec<Vec3A>, Vec<f32>) = drawn.sample_brdf(&square(side)).into_iter().flatten().unzip();
     let weights = of(&wi).into_iter().zip(pdfs).map(|(value, pdf)| f64::from(value.y / pdf));
@@ -249,7 +252,7 @@ fn metallic_roughness_reflects_no_more_than_it_receives() {
     let normal = Vec3::Z;
     let albedo = |brdf: &MetallicRoughness, cos: f32| {
         let wo = Vec3::new((1.0 - cos * cos).sqrt(), 0.0, cos);
-        // White surfaces: the specular lobe's colour is between that of dielectrics and white.
+        // White surfaces: the specular colour is between that of dielectrics and white.
         let f0 = Vec3::splat(0.04).lerp(brdf.base_color(), brdf.metallic());
         let specular = point(Ggx::new(brdf.alpha(), f0), normal, wo);
         let (whole, lambert) = (point(*brdf, normal, wo), point(Lambert { albedo: Vec3::ONE }, normal, wo));
@@ -266,9 +269,9 @@ fn metallic_roughness_reflects_no_more_than_it_receives() {
                 let white = MetallicRoughness::new(Vec3::ONE, metallic, roughness);
                 let (diffuse, specular) = albedo(&white, cos);
                 let total = diffuse + specular;
-                // Rounding of weights that are 1.
+                // Rounding of weights equal to 1.
                 assert!(total <= 1.0 + 1e-5, "roughness {roughness}, cosine {cos}, metallic {metallic}: {total}");
-                // Without metal, nothing but the margin for interpolation is lost.
+                // Dielectrics lose only the margin for interpolation.
                 assert!(metallic > 0.0 || total >= 0.985, "roughness {roughness}, cosine {cos}: {total}");
             }
         }

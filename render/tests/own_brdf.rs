@@ -1,4 +1,4 @@
-//! The BRDF of the example passes what those of this crate pass, and every sampler serves it.
+//! The example's BRDF passes the tests of this crate's BRDFs, and works with every sampler.
 
 #[path = "../examples/own_brdf.rs"]
 #[expect(dead_code)]
@@ -33,7 +33,7 @@ fn directions_follow_the_pdf() {
 }
 
 #[test]
-fn samplers_that_never_saw_it_estimate_the_same() {
+fn all_samplers_estimate_the_same_mean() {
     let (map, tile) = (Arc::new(built_in("studio").unwrap()), tile(PHONG));
     let moments = ["mis", "brdf", "ris:4", "mis2", "patches", "split:4:patches"].map(|sampler| {
         let estimator = sampler.parse::<SamplerSpec>().unwrap().build(&map).unwrap();
@@ -42,7 +42,7 @@ fn samplers_that_never_saw_it_estimate_the_same() {
     });
     let pairs = moments.len() * (moments.len() - 1) / 2;
     for (k, (first, a)) in moments.iter().enumerate() {
-        // The means are known to two percent, or they would agree whatever they are.
+        // Means must be precise to 2 % for the comparison to be meaningful.
         assert!((a.variance / a.count as f64).sqrt() < 0.02 * a.mean, "{first}: {a:?}");
         for (second, b) in &moments[k + 1..] {
             let p = TTest::welch(a, b).p_value;

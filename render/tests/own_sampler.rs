@@ -1,4 +1,4 @@
-//! The sampler of the example passes what the samplers of this crate pass.
+//! The example's sampler passes the tests of this crate's samplers.
 
 #[path = "../examples/own_sampler.rs"]
 #[expect(dead_code)]
@@ -17,7 +17,7 @@ use headtail_render::{
 };
 use own_sampler::{SkySampler, estimate, estimators};
 
-/// Different points: none of two has the same normal and surface.
+/// Returns points with pairwise different normals and surfaces.
 fn points() -> Vec<ShadingPoint> {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let point = |k: usize| {
@@ -34,7 +34,7 @@ fn points() -> Vec<ShadingPoint> {
 }
 
 #[test]
-fn it_is_short() {
+fn the_example_is_short() {
     let lines = include_str!("../examples/own_sampler.rs").lines().count();
     assert!(lines < 60, "docs/rust.md says that it is one in under 60 lines: {lines}");
 }
@@ -45,7 +45,7 @@ fn directions_follow_the_pdf() {
     let samplers: [(&str, &dyn Sampler); 2] = [("own_sampler", &SkySampler), ("mixture_with_own_sampler", &mixture)];
     let points = &points()[..3];
     let tests = samplers.len() * points.len();
-    // The lobes here are 0.3 wide and more; cells are 0.06 and have 4 x 4 points.
+    // Lobes are at least 0.3 wide; cells are 0.06 wide and have 4 x 4 points.
     let test = SphereChiSquare { samples: 300_000, tests, ..SphereChiSquare::default() };
     for (name, sampler) in samplers {
         for point in points {
@@ -60,7 +60,7 @@ fn directions_follow_the_pdf() {
 }
 
 #[test]
-fn alone_in_a_mixture_and_in_ris_it_estimates_the_same() {
+fn single_samples_mixtures_and_ris_estimate_the_same_mean() {
     let map = Arc::new(built_in("window").unwrap());
     let tile = Tile::of(&points());
     let moments = estimators(&map).unwrap().map(|(name, estimator)| {
@@ -68,7 +68,7 @@ fn alone_in_a_mixture_and_in_ris_it_estimates_the_same() {
         (name, Moments::of(&estimates).unwrap())
     });
     for (k, (first, a)) in moments.iter().enumerate() {
-        // The means are known to a percent, or they would agree whatever they are.
+        // Means must be precise to 1 % for the comparison to be meaningful.
         assert!((a.variance / a.count as f64).sqrt() < 0.01 * a.mean, "{first}: {a:?}");
         for (second, b) in &moments[k + 1..] {
             let p = TTest::welch(a, b).p_value;

@@ -1,4 +1,4 @@
-//! Scenes as the integrator sees them: built-in ones, files, hits, shadows.
+//! Scenes: built-in ones, files, hits and shadows.
 
 use std::path::{Path, PathBuf};
 
@@ -10,13 +10,13 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-/// The folder of test data beside the project, if it is there.
+/// Returns the folder of test data beside the project, if present.
 fn shared_data() -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     here.ancestors().map(|folder| folder.join("shared/data")).find(|data| data.is_dir())
 }
 
-/// A box with the given corners, moved by a transform.
+/// Returns a box with the given corners, transformed.
 fn moved_block(min: Vec3, max: Vec3, transform: &Affine3A) -> Scene {
     let corner = |i: u32| {
         let pick = |axis: usize| if i >> axis & 1 == 0 { min[axis] } else { max[axis] };
@@ -43,14 +43,14 @@ fn albedo(at: &ShadingPoint) -> Vec3A {
     albedo.into()
 }
 
-/// Whether the environment is seen from a point.
+/// Returns whether the environment is visible from a point.
 fn is_visible(scene: &Scene, at: &ShadingPoint, wi: Vec3A) -> bool {
     let mut visible = [false];
     scene.visible_batch(&[scene.leaving(at.p, at.ng, wi)], &mut visible);
     visible[0]
 }
 
-/// Every pixel of a small image; returns how many saw a surface, and checks each of those.
+/// Checks the hit of each pixel of a small image and returns the number of hits.
 fn look_at(scene: &Scene) -> usize {
     const SIDE: usize = 64;
     let camera = scene.camera();
@@ -67,7 +67,7 @@ fn look_at(scene: &Scene) -> usize {
 }
 
 #[test]
-fn built_in_scenes_are_sound_and_seen_by_their_cameras() {
+fn built_in_scenes_are_valid_and_visible_to_their_cameras() {
     for name in built_in_names() {
         let scene = Scene::built_in(name).unwrap();
         assert_eq!(scene.name(), name);
@@ -94,14 +94,14 @@ fn the_scenes_of_the_test_data_load() {
     ] {
         let path = data.join("scenes").join(file);
         let mut scene = Scene::load(&path).unwrap();
-        // The files hold a few triangles without area, which are dropped.
+        // The files contain a few degenerate triangles, which are dropped.
         assert!(scene.triangle_count() <= triangles && scene.triangle_count() > triangles * 99 / 100, "{file}");
         assert_eq!(scene.name(), path.file_stem().unwrap().to_str().unwrap());
         assert!(look_at(&scene) > 300, "{file}");
         scene.add_ground();
         assert!(look_at(&scene) > 2000, "{file}");
     }
-    // The helmet's leather is brown: the texture is found, decoded and not upside down.
+    // The helmet's leather is brown if the texture is found, decoded and not upside down.
     let scene = Scene::load(&data.join("scenes/flight_helmet/FlightHelmet.gltf")).unwrap();
     let bounds = scene.bounds();
     let above = bounds.center() + Vec3A::Y * bounds.extent().y;
@@ -125,7 +125,7 @@ fn the_sphere_is_a_sphere() {
         let outside = 3.0 * random.direction();
         let target = 0.9 * random.uniform() * random.direction();
         let at = scene.intersect(&Ray::new(outside, (target - outside).normalize())).unwrap();
-        // Sagitta of facets of 2 pi / 256, both ways.
+        // Sagitta of facets of 2 pi / 256, in both directions.
         assert!((at.p.length() - 1.0).abs() < 2e-4, "{}", at.p.length());
         assert!(at.ns.dot(at.p) > 1.0 - 1e-3, "{at:?}");
         assert_eq!(albedo(&at), Vec3A::ONE);
@@ -152,8 +152,9 @@ fn surfaces_do_not_shadow_themselves_at_any_scale_place_and_angle() {
     for size in [1e-4, 1.0, 1e5] {
         for place in [0.0, 3.0, 1e3] {
             for (turn, least_cosine) in [(Quat::IDENTITY, 0.0), (turned, 1e-3)] {
-                // A box is convex: every direction above a face is free. In a turned one the rounding of the corners
-                // (6e-5 of its size at the farthest place) can fold a face; then the flattest directions are not.
+                // A box is convex: every direction above a face is unoccluded. Rounding of a rotated box's
+                // corners (6e-5 of its size at the farthest place) can fold a face and occlude grazing
+                // directions.
                 let center = place * size * Vec3::new(1.0, -0.7, 0.4);
                 let half = size * Vec3::new(1.0, 0.3, 0.6);
                 let scene = moved_block(-half, half, &Affine3A::from_rotation_translation(turn, center));
@@ -175,16 +176,16 @@ fn surfaces_do_not_shadow_themselves_at_any_scale_place_and_angle() {
 }
 
 #[test]
-fn shadows_fall_where_something_is_above() {
+fn blocks_cast_shadows_on_the_ground() {
     let mut scene = block(Vec3::new(-1.0, 1.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
     scene.add_ground();
-    // The ground touches the block's underside: look at it from above, beside the block.
+    // The ground touches the block's underside, so it is viewed from above, beside the block.
     let beside = scene.intersect(&Ray::new(Vec3A::new(1.5, 5.0, 0.0), -Vec3A::Y)).unwrap();
     assert!((beside.p.y - 1.0).abs() < 1e-5 && albedo(&beside) == Vec3A::splat(0.5));
     assert!(is_visible(&scene, &beside, Vec3A::Y));
     assert!(!is_visible(&scene, &beside, Vec3A::new(-1.0, 0.5, 0.0).normalize()));
     assert!(is_visible(&scene, &beside, Vec3A::new(-1.0, 3.0, 0.0).normalize()));
-    // Towards the horizon, but for a ten thousandth of a radian.
+    // Towards the horizon, down to 1e-4 rad.
     for azimuth in 0..16 {
         let (z, x) = (azimuth as f32 * std::f32::consts::TAU / 16.0).sin_cos();
         let eye = Vec3A::new(0.3, 5.0, -0.2);
@@ -195,7 +196,7 @@ fn shadows_fall_where_something_is_above() {
 }
 
 #[test]
-fn a_ground_to_the_horizon_does_not_coarsen_what_stands_on_it() {
+fn ground_to_the_horizon_does_not_reduce_precision_near_the_object() {
     let mut scene = block(Vec3::new(-1.0, 1.0, -1.0), Vec3::new(1.0, 2.0, 1.0));
     scene.add_ground();
     let mut random = Stream::new(8, Purpose::Test, 0);
@@ -208,9 +209,10 @@ fn a_ground_to_the_horizon_does_not_coarsen_what_stands_on_it() {
         let target = Vec3A::new(x * distance, 1.0, z * distance);
         let Some(at) = scene.intersect(&Ray::new(eye, (target - eye).normalize())) else { continue };
         if at.p.y < 1.5 && at.ng.y > 0.5 {
-            // 1e-6 of the corners, which are within four times the distance, over that of the block.
+            // 1e-6 of the corner coordinates, which are within four times the distance, plus that of the
+            // block.
             assert!(at.p.y >= 1.0 && at.p.y - 1.0 < 6e-6 * distance.max(2.0), "{at:?}");
-            // Flat ground shadows nothing of itself, not even along borders of its triangles.
+            // Flat ground has no self-shadowing, not even along triangle edges.
             let wi = random.direction();
             let away = Vec3A::new(wi.x.abs() * x.signum(), wi.y.abs(), wi.z.abs() * z.signum()).normalize();
             assert!(away.y < 1e-3 || distance < 4.0 || is_visible(&scene, &at, away), "{at:?} {away}");
@@ -221,7 +223,7 @@ fn a_ground_to_the_horizon_does_not_coarsen_what_stands_on_it() {
 }
 
 #[test]
-fn the_ground_leaves_the_camera_where_it_was() {
+fn adding_ground_does_not_move_the_camera() {
     let mut scene = block(Vec3::ZERO, Vec3::ONE);
     let before = scene.camera();
     scene.add_ground();
@@ -241,7 +243,7 @@ fn one_material_can_replace_all() {
 }
 
 #[test]
-fn albedos_are_clamped_to_what_reflects_energy() {
+fn albedos_are_clamped_to_energy_conservation() {
     let scene = block(Vec3::ZERO, Vec3::ONE).with_material(Material::diffuse(Vec3A::new(2.0, -1.0, 0.5)));
     let at = scene.intersect(&Ray::new(Vec3A::new(0.5, 0.5, 3.0), -Vec3A::Z)).unwrap();
     assert_eq!(albedo(&at), Vec3A::new(1.0, 0.0, 0.5));

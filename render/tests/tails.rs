@@ -1,4 +1,4 @@
-//! Every tail is a bijection whose Jacobian is the density of the light.
+//! Tests that every tail is a bijection whose Jacobian is the density of the light.
 
 use glam::Vec2;
 use headtail_render::{
@@ -11,7 +11,7 @@ use headtail_render::{
 
 const KINDS: [TailKind; 2] = [TailKind::RowColumn, TailKind::Hierarchical];
 
-/// Built-in maps and maps that are hard by their shape: one lit texel (at a pole, at the seam), odd sizes, half black.
+/// Returns built-in maps and edge cases: one lit texel (at a pole, at the seam), odd sizes, half black.
 fn maps() -> Vec<Environment> {
     let mut maps: Vec<_> = BUILT_IN_NAMES.iter().map(|name| built_in(name).unwrap()).collect();
     let mut made = |name: &str, width: usize, height: usize, value: &dyn Fn(usize, usize) -> f32| {
@@ -38,7 +38,7 @@ fn tails() -> Vec<(String, Environment, Tail)> {
     maps().into_iter().flat_map(both).collect()
 }
 
-/// Distance on the circle for coordinate 0.
+/// Returns the distance, periodic in coordinate 0.
 fn distance(a: Vec2, b: Vec2) -> f32 {
     let across = (a.x - b.x).abs();
     across.min(1.0 - across).max((a.y - b.y).abs())
@@ -51,7 +51,7 @@ fn inverse_of_forward_is_the_identity() {
         let ys: Vec<Vec2> = (0..100_000).map(|_| random.uniform2()).collect();
         let forward = tail.forward_points(&ys);
         let xs: Vec<Vec2> = forward.iter().map(|(x, _)| *x).collect();
-        // x is rounded to 6e-8: what that does to y is measured at x moved by twice as much along either axis.
+        // x is rounded to 6e-8; the effect on y is measured by moving x twice as far along either axis.
         let moved = [Vec2::X, -Vec2::X, Vec2::Y, -Vec2::Y].map(|axis| {
             let moved = |x: &Vec2| (*x + 1.2e-7 * axis).clamp(Vec2::ZERO, Vec2::ONE);
             tail.inverse_points(&xs.iter().map(moved).collect::<Vec<_>>())
@@ -60,7 +60,7 @@ fn inverse_of_forward_is_the_identity() {
             let (y, (x, forward)) = (ys[k], forward[k]);
             assert!((0.0..1.0).contains(&x.x) && (0.0..=1.0).contains(&x.y), "{name}: {y} -> {x}");
             let tolerance = 4e-6 + moved.iter().map(|moved| distance(moved[k].0, back)).fold(0.0, f32::max);
-            // Along the dark edge of a cell whole stretches of y share an x; the pdf there is near zero.
+            // Along the dark edge of a cell, intervals of y map to one x; the pdf there is near zero.
             if inverse > 1e-3 {
                 let error = distance(back, y);
                 assert!(error < tolerance, "{name}: {y} -> {x} -> {back}, density {inverse}, error {error}");
@@ -73,7 +73,7 @@ fn inverse_of_forward_is_the_identity() {
 #[test]
 fn the_density_integrates_to_one() {
     for (name, map, tail) in tails() {
-        // The density is bilinear in a cell: its mean is the value at the middle.
+        // The density is bilinear in a cell: its mean is the value at the centre.
         let (columns, rows) = (map.width(), map.height() - 1);
         let mut sum = 0.0_f64;
         for row in 0..rows {
@@ -89,7 +89,8 @@ fn the_density_integrates_to_one() {
 
 #[test]
 fn the_density_is_the_light() {
-    // The intermediate target has no environment factor only if p1 is L sin theta, to the linear sine inside a cell.
+    // The intermediate target has no environment factor only if p1 is L sin theta, up to the linear sine in a
+    // cell.
     for (name, map, tail) in tails().into_iter().take(2 * BUILT_IN_NAMES.len()) {
         let mut random = Stream::new(2, Purpose::Test, 0);
         let (mut sum, mut squares) = (0.0_f64, 0.0_f64);
@@ -108,7 +109,8 @@ fn the_density_is_the_light() {
 
 #[test]
 fn equal_areas_of_y_carry_equal_light() {
-    // The share of a grid of Y that lands above a row of nodes is the integral of the density above it, known exactly.
+    // The fraction of a grid of Y that lands above a row of nodes is the exact integral of the density above
+    // it.
     for (name, map, tail) in tails() {
         let (columns, rows) = (map.width(), map.height() - 1);
         let mut above = 0.0_f64;
@@ -116,7 +118,8 @@ fn equal_areas_of_y_carry_equal_light() {
         let landed = tail.forward_points(&(0..512 * 512).map(y).collect::<Vec<_>>());
         for row in 0..rows {
             let lands_above = landed.iter().filter(|(x, _)| x.y < row as f32 / rows as f32).count();
-            // The preimage of the line crosses each column of the grid about once: 1/512 for each, and as much again for jumps.
+            // The preimage of the line crosses each column of the grid about once: 1/512 each, and the same
+            // again for jumps.
             let share = lands_above as f64 / f64::from(512 * 512);
             assert!((share - above).abs() < 4.0 / 512.0, "{name}: {share} above row {row}, expected {above}");
             let v = (row as f32 + 0.5) / rows as f32;

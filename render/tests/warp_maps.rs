@@ -1,4 +1,4 @@
-//! A tabulated warp is a bijection with an exact density, whatever is in the table.
+//! Tests that a tabulated warp is a bijection with an exact density for any table.
 
 use std::{f32::consts::TAU, sync::Arc};
 
@@ -22,13 +22,13 @@ fn nodes(cells: usize, mut map: impl FnMut(Vec2) -> Vec2) -> Vec<Vec2> {
     nodes
 }
 
-/// A swirl that moves the seam by more than a turn.
+/// Swirls the square, moving the seam by more than a turn.
 fn swirl(y: Vec2) -> Vec2 {
     let u = y.x + 0.08 * (TAU * y.x).sin() + 1.3 * y.y + 0.4 * y.y * (1.0 - y.y) * (TAU * y.x).cos();
     Vec2::new(u - 0.7, y.y + 0.12 * (std::f32::consts::PI * y.y).sin() * (TAU * y.x).sin())
 }
 
-/// Carries most of the square to a spot of a hundredth of its side, as a sun does.
+/// Maps most of the square to a spot of 1 % of its side, as for a sun.
 fn spot(y: Vec2) -> Vec2 {
     let squeeze = |t: f32| 0.5 + 0.01 * (t - 0.5) + 0.99 * 64.0 * (t - 0.5).powi(7);
     Vec2::new(squeeze(y.x), squeeze(y.y))
@@ -55,17 +55,17 @@ fn inverse_of_forward_is_the_identity_and_so_are_the_jacobians() {
     for (name, map) in warps() {
         let mut random = Stream::new(2, Purpose::Test, 0);
         for k in 0..200_000 {
-            // Corners, edges and the seam among them.
+            // Includes corners, edges and the seam.
             let snap = |t: f32| if k % 3 == 0 { (t * map.cells() as f32).floor() / map.cells() as f32 } else { t };
             let y = random.uniform2();
             let y = Vec2::new(snap(y.x), if k % 2 == 0 { y.y } else { snap(y.y) });
             let (x, jacobian) = map.forward(y);
             assert!((0.0..1.0).contains(&x.x) && (0.0..=1.0).contains(&x.y), "{name}: {y} -> {x}");
             let (back, density) = map.inverse(x);
-            // x is rounded to 6e-8, which the inverse magnifies by at most its density times the cell's side.
+            // x is rounded to 6e-8, which the inverse amplifies by at most its density times the cell's side.
             let bound = 2e-6 + 2e-7 * density.max(1.0) * 8.0;
             assert!(distance(back, y) < bound, "{name}: {y} -> {x} -> {back}, density {density}");
-            // Neighbours differ in their Jacobians, and a point on an edge may be found in either.
+            // Jacobians of neighbouring cells differ, and a point on an edge may be found in either cell.
             let inside = (y * map.cells() as f32).fract();
             if inside.min_element() > 1e-3 && inside.max_element() < 1.0 - 1e-3 {
                 assert!((density * jacobian - 1.0).abs() < 5e-2, "{name}: {density} * {jacobian} at {y}");
@@ -82,14 +82,14 @@ fn forward_of_inverse_is_the_identity() {
             let x = random.uniform2();
             let (y, density) = map.inverse(x);
             assert!(density.is_finite() && density > 0.0, "{name}: {x}");
-            // y is rounded to 6e-8, which the warp magnifies where it is sparse.
+            // y is rounded to 6e-8, which the warp amplifies where it is sparse.
             let bound = 1e-6 + 4e-7 / density.min(1.0) * 4.0;
             assert!(distance(map.forward(y).0, x) < bound, "{name}: {x} -> {y} -> {}", map.forward(y).0);
         }
     }
 }
 
-/// The images of the cells tile the square: the integral of the density over X is the sum of each cell's area times its density, 1.
+/// The images of the cells tile the square, so that the areas of the cells times their densities sum to 1.
 #[test]
 fn the_density_integrates_to_one() {
     for (name, map) in warps() {
@@ -97,7 +97,7 @@ fn the_density_integrates_to_one() {
         let areas: f64 = (0..n * n)
             .map(|k| {
                 let y = Vec2::new((k % n) as f32 + 0.5, (k / n) as f32 + 0.5) / n as f32;
-                // The Jacobian is linear in a cell: its mean is the value in the middle.
+                // The Jacobian is linear in a cell: its mean is the value at the centre.
                 f64::from(map.forward(y).1) / (n * n) as f64
             })
             .sum();
@@ -138,7 +138,6 @@ fn directions_follow_the_pdf_over_the_sphere() {
     }
 }
 
-/// The seam of the map is a line like any other.
 #[test]
 fn the_warp_is_continuous_across_the_seam() {
     for (name, map) in warps() {
@@ -156,7 +155,7 @@ fn the_warp_is_continuous_across_the_seam() {
 }
 
 #[test]
-fn folds_are_repaired_and_said() {
+fn folds_are_repaired_and_reported() {
     let fold = |y: Vec2| {
         let inside = (y - Vec2::new(0.4, 0.6)).length() < 0.06;
         if inside { Vec2::new(1.0 - y.x, y.y) } else { y }
@@ -165,7 +164,7 @@ fn folds_are_repaired_and_said() {
     let (map, repair) = WarpMap::repaired(64, nodes(64, fold)).unwrap();
     assert!(repair.cells > 10 && repair.rounds > 0, "{repair:?}");
     assert!(WarpMap::new(64, &map.nodes()).is_ok());
-    // A knot that no corner alone gets out of: what is far from it stays as it is.
+    // A knot that needs smoothing of several corners; distant corners do not move.
     let knot = |y: Vec2| {
         let (from, turn) = (y - Vec2::splat(0.5), 3.0 * (1.0 - 16.0 * (y - Vec2::splat(0.5)).length()).max(0.0));
         Vec2::splat(0.5) + Vec2::from_angle(turn * std::f32::consts::PI).rotate(from)
@@ -177,14 +176,14 @@ fn folds_are_repaired_and_said() {
         let y = Vec2::new((at % 64) as f32, (at / 64) as f32) / 64.0;
         assert!(map.forward(y).0.distance(*own) < 1e-6, "{y}");
     }
-    // What cannot be mended in place: rows in reverse.
+    // Reversed rows cannot be repaired in place.
     let (_, repair) = WarpMap::repaired(16, nodes(16, |y| Vec2::new(y.x, 1.0 - y.y))).unwrap();
     assert!(repair.cells > 0);
     assert_eq!(WarpMap::repaired(16, nodes(16, |y| y)).unwrap().1, Repair::default());
 }
 
 #[test]
-fn hostile_tables_are_refused_by_name() {
+fn hostile_tables_are_rejected_with_the_name_of_the_field() {
     let good = nodes(8, |y| y);
     let with = |at: usize, node: Vec2| {
         let mut nodes = good.clone();
@@ -209,9 +208,8 @@ fn hostile_tables_are_refused_by_name() {
     assert!(WarpMap::repaired(8, Vec::new()).is_err());
 }
 
-/// A flow tail keeps the light that it leaves over.
 #[test]
-fn the_light_ratio_makes_up_for_what_the_warp_misses() {
+fn the_light_ratio_corrects_the_density_of_the_warp() {
     let map = built_in("window").unwrap();
     let warp = WarpMap::new(64, &nodes(64, swirl)).unwrap();
     let tail = Tail::flow(warp, map.width(), map.height(), &map.luminance()).unwrap();

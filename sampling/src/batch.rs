@@ -1,6 +1,6 @@
-//! Samplers over flat lists of shading points, on all threads: what bindings to other languages call.
+//! Samplers over flat lists of shading points, on all threads: the interface for bindings to other languages.
 //!
-//! Everything that comes in is checked, as it comes from outside of the program: a mistake is an error that names the list and the place in it.
+//! All input is checked, since it comes from outside the program. Errors name the list and the row.
 
 use std::sync::Mutex;
 
@@ -18,12 +18,12 @@ use crate::{
     tile::{ShadingPoint, Tile},
 };
 
-/// Points that one thread works on at a time.
+/// Points per thread and step.
 const TILE: usize = 1024;
-/// How far the square of a unit vector's length may be from 1.
+/// Largest deviation of a unit vector's squared length from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
-/// What surfaces reflect; lists have one number for all points, or one for each.
+/// BRDFs of surfaces; lists have one number for all points, or one per point.
 #[derive(Clone, Copy, Debug)]
 pub enum SurfaceList<'a> {
     /// White diffuse surfaces.
@@ -37,41 +37,42 @@ pub enum SurfaceList<'a> {
     },
 }
 
-/// Shading points; lists have one entry for all points, or one for each.
+/// Shading points; lists have one entry for all points, or one per point.
 #[derive(Clone, Copy, Debug)]
 pub struct PointList<'a> {
     /// Unit shading normals in world space.
     pub n: &'a [[f32; 3]],
-    /// Unit directions to the viewer. Empty where samplers do not look at them: the normals are taken.
+    /// Unit directions to the viewer. If empty (for samplers that ignore them), the normals are used.
     pub wo: &'a [[f32; 3]],
-    /// What they reflect.
+    /// BRDFs.
     pub surface: SurfaceList<'a>,
 }
 
-/// The uniform numbers of draws.
+/// Uniform numbers of draws.
 #[derive(Clone, Copy, Debug)]
 pub enum Numbers<'a> {
-    /// One point of `[0, 1)^2` for each draw.
+    /// One point of `[0, 1)^2` per draw.
     Given(&'a [[f32; 2]]),
-    /// Independent random numbers of a seed: a function of the seed and the place in the list.
+    /// Independent random numbers, a function of the seed and the index in the list.
     Seed(u64),
 }
 
-/// Draws of a list, one for each shading point; all lists are equally long.
+/// Draws, one per shading point; all lists have the same length.
 #[derive(Debug)]
 pub struct DrawList<'a> {
     /// Unit directions; zero where the pdf is 0.
     pub wi: &'a mut [[f32; 3]],
-    /// Solid-angle pdfs; 0 is no sample.
+    /// Solid-angle pdfs; 0 means no sample.
     pub pdf: &'a mut [f32],
-    /// The map and the radiance from `wi`; zero where the pdf is 0.
+    /// The map, and the output list of its radiance from `wi`; zero where the pdf is 0.
     pub radiance: Option<(&'a Environment, &'a mut [[f32; 3]])>,
 }
 
-/// Draws a direction for each shading point.
+/// Draws one direction per shading point.
 ///
 /// # Errors
-/// [`Error::Argument`]: a list has another length, a vector is not of unit length, a number is outside of its range.
+/// [`Error::Argument`] if a list has the wrong length, a vector is not of unit length, or a number is
+/// out of range.
 pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
     let count = out.pdf.len();
     at.check_lengths(count)?;
@@ -83,7 +84,7 @@ pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, o
     if let Numbers::Given(u) = numbers {
         check_length("u", u.len(), count)?;
     }
-    // An empty list of radiance has no parts.
+    // An empty list has no chunks.
     let radiance = radiance.map_or_else(Vec::new, |list| list.chunks_mut(TILE).map(Some).collect());
     let radiance = radiance.into_iter().chain(std::iter::repeat_with(|| None));
     let parts = out.wi.chunks_mut(TILE).zip(out.pdf.chunks_mut(TILE)).zip(radiance).enumerate();
@@ -98,7 +99,7 @@ pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, o
     result_of(first_error)
 }
 
-/// The solid-angle pdfs of unit directions, one for each shading point.
+/// Evaluates the solid-angle pdfs of unit directions, one per shading point.
 ///
 /// # Errors
 /// As [`sample`].
@@ -113,7 +114,7 @@ pub fn pdf(sampler: &dyn Sampler, at: &PointList<'_>, wi: &[[f32; 3]], out: &mut
     result_of(first_error)
 }
 
-/// The radiance of a map from unit directions.
+/// Looks up the radiance of a map from unit directions.
 ///
 /// # Errors
 /// As [`sample`].
@@ -129,7 +130,7 @@ pub fn radiance(map: &Environment, wi: &[[f32; 3]], out: &mut [[f32; 3]]) -> Res
     Ok(())
 }
 
-/// Errors are told apart by the place in the list, not by which thread found one first.
+/// Keeps the error of the lowest index, so that the result does not depend on the timing of threads.
 fn keep_first(first: &Mutex<Option<(usize, Error)>>, index: usize, result: Result<()>) {
     if let Err(error) = result {
         let mut first = first.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -151,7 +152,7 @@ fn check_length(name: &str, length: usize, count: usize) -> Result<()> {
     Err(Error::argument(name, format!("has {length} rows; {count} are needed")))
 }
 
-/// One entry for all, or one for each.
+/// Checks for one entry for all points, or one per point.
 fn check_shared_length(name: &str, length: usize, count: usize) -> Result<()> {
     if length == count || length == 1 {
         return Ok(());
@@ -162,7 +163,7 @@ fn check_shared_length(name: &str, length: usize, count: usize) -> Result<()> {
 #[inline(always)]
 fn check_unit(name: &str, place: usize, [x, y, z]: [f32; 3]) -> Result<()> {
     let square = x * x + y * y + z * z;
-    // In this order what is not a number is refused.
+    // In this form the comparison rejects NaN.
     if (square - 1.0).abs() <= UNIT_TOLERANCE {
         return Ok(());
     }
@@ -177,7 +178,6 @@ fn check_range(name: &str, place: usize, value: f32, least: f32) -> Result<f32> 
     Err(Error::argument(name, format!("row {place} is {value}, which is not in {least}..=1")))
 }
 
-/// The entry of a point.
 #[inline(always)]
 fn entry<T: Copy>(list: &[T], place: usize) -> T {
     list[if list.len() == 1 { 0 } else { place }]
@@ -216,7 +216,7 @@ impl PointList<'_> {
     }
 }
 
-/// What a thread uses again.
+/// Buffers that a thread reuses.
 #[derive(Default)]
 struct Workspace {
     tile: Tile,
@@ -224,7 +224,7 @@ struct Workspace {
 }
 
 impl Workspace {
-    /// Makes the tile of the points from `first` on.
+    /// Fills the tile with `count` points from `first` on.
     fn fill(&mut self, at: &PointList<'_>, first: usize, count: usize) -> Result<()> {
         let brdfs = Default::default();
         self.tile.clear(&brdfs);
@@ -258,7 +258,7 @@ impl Workspace {
                 }
             }
             Numbers::Seed(seed) => {
-                // Keys have 32 bits: longer lists go on with other samples of the same keys.
+                // Keys have 32 bits: longer lists continue with other samples of the same keys.
                 let sample = (first >> 32) as u32;
                 let points = Points::new(PointSet::Independent, seed).at_sample(sample);
                 points.draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
@@ -271,7 +271,7 @@ impl Workspace {
         out.pdf.copy_from_slice(&pdf.as_flattened()[..count]);
         interleave([&*x, y, z].map(<[Lanes]>::as_flattened), out.pdf, out.wi);
         if let Some((map, list)) = out.radiance {
-            // Directions without a pdf are none: those are looked up anywhere and left out.
+            // Directions with pdf 0 are arbitrary: look up any valid one; `interleave` zeroes the result.
             for (k, pdf) in out.pdf.iter().enumerate() {
                 if *pdf <= 0.0 {
                     (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (0.0, 1.0, 0.0);
@@ -305,7 +305,7 @@ impl Workspace {
     }
 }
 
-/// Columns as rows; zeros where there is no sample.
+/// Converts columns to rows; zeros where there is no sample.
 fn interleave([x, y, z]: [&[f32]; 3], pdf: &[f32], out: &mut [[f32; 3]]) {
     for (k, out) in out.iter_mut().enumerate() {
         *out = if pdf[k] > 0.0 { [x[k], y[k], z[k]] } else { [0.0; 3] };

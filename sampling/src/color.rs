@@ -2,7 +2,7 @@
 
 use glam::Vec3A;
 
-/// Rec.709 luminance of a linear radiance; what every sampler is proportional to.
+/// Rec.709 luminance of a linear radiance; samplers target densities proportional to it.
 pub fn luminance(radiance: Vec3A) -> f32 {
     radiance.dot(Vec3A::new(0.2126, 0.7152, 0.0722))
 }
@@ -19,15 +19,16 @@ pub fn srgb_decode(encoded: f32) -> f32 {
     if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
 }
 
-/// The radiance that [`tone_map`] shows as white.
+/// The luminance that [`tone_map`] shows as white.
 const WHITE: f32 = 8.0;
 
-/// The 8-bit sRGB colour that shows a linear radiance.
+/// Tone-maps a linear radiance to an 8-bit sRGB colour.
 ///
-/// Luminance follows the extended Reinhard curve, `L (1 + L / WHITE^2) / (1 + L)` (Reinhard et al. 2002, equation 4):
-/// linear in the dark, with a shoulder that is white at `WHITE`. Colour keeps its ratios; where a channel would pass 1 the
-/// colour fades towards grey of the same luminance, so a bright red lamp turns pale instead of flat. Negative parts
-/// are black, infinity is white, and NaN is magenta, so that nobody takes it for part of the picture.
+/// Luminance follows the extended Reinhard curve, `L (1 + L / WHITE^2) / (1 + L)` (Reinhard et al. 2002,
+/// equation 4): linear for dark values, with a shoulder that reaches white at `WHITE`. Ratios of channels
+/// are kept; where a channel would exceed 1, the colour fades towards grey of the same luminance, so bright
+/// red lamps turn pale instead of flat. Negative values are black, infinity is white, and NaN is magenta,
+/// which stands out.
 pub fn tone_map(radiance: Vec3A) -> [u8; 3] {
     if radiance.is_nan() {
         return [255, 0, 255];

@@ -1,7 +1,7 @@
 //! Columns: numbers of many samples as structure of arrays, in strips of [`LANES`] samples.
 //!
-//! A column of `n` samples is a slice of `n.div_ceil(LANES)` strips. Lanes beyond the last sample hold any number: code computes them
-//! and nobody reads them, so that no loop has a remainder.
+//! A column of `n` samples is a slice of `n.div_ceil(LANES)` strips. Lanes beyond the last sample hold
+//! arbitrary numbers, which are computed but never read, so that no loop has a remainder.
 
 use std::{
     cell::RefCell,
@@ -10,12 +10,12 @@ use std::{
 
 use crate::simd::{LANES, Lanes};
 
-/// Strips of `samples` samples.
+/// Number of strips of `samples` samples.
 pub fn strips(samples: usize) -> usize {
     samples.div_ceil(LANES)
 }
 
-/// A work space whose buffers are used again: nothing is allocated once it is warm. One for each thread.
+/// A pool of reusable buffers: nothing is allocated once it is warm. Each thread has its own.
 #[derive(Debug, Default)]
 pub struct Arena {
     columns: RefCell<Vec<Vec<Lanes>>>,
@@ -23,7 +23,7 @@ pub struct Arena {
 }
 
 impl Arena {
-    /// `N` columns of `strips` strips, with what was left in them.
+    /// Returns `N` columns of `strips` strips with arbitrary content.
     pub fn columns<const N: usize>(&self, strips: usize) -> Columns<'_, N> {
         let mut buffer = self.columns.borrow_mut().pop().unwrap_or_default();
         let needed = N * strips;
@@ -33,7 +33,7 @@ impl Arena {
         Columns { arena: self, buffer, strips }
     }
 
-    /// An empty list of rows.
+    /// Returns an empty list of rows.
     pub fn list(&self) -> List<'_> {
         let mut list = self.lists.borrow_mut().pop().unwrap_or_default();
         list.clear();
@@ -41,7 +41,7 @@ impl Arena {
     }
 }
 
-/// Columns that go back to their arena.
+/// Columns that return to their arena when dropped.
 #[derive(Debug)]
 pub struct Columns<'a, const N: usize> {
     arena: &'a Arena,
@@ -56,7 +56,7 @@ impl<const N: usize> Columns<'_, N> {
         std::array::from_fn(|k| &self.buffer[k * self.strips..(k + 1) * self.strips])
     }
 
-    /// The columns, to be written.
+    /// The columns, mutable.
     #[inline(always)]
     pub fn get_mut(&mut self) -> [&mut [Lanes]; N] {
         let mut rest = &mut self.buffer[..];
@@ -74,7 +74,7 @@ impl<const N: usize> Drop for Columns<'_, N> {
     }
 }
 
-/// A list of rows that goes back to its arena.
+/// A list of rows that returns to its arena when dropped.
 #[derive(Debug)]
 pub struct List<'a> {
     arena: &'a Arena,
@@ -101,7 +101,7 @@ impl Drop for List<'_> {
     }
 }
 
-/// Copies the numbers of `rows` of a column, in their order.
+/// Copies the numbers of `rows` from a column, in the order of `rows`.
 #[inline(always)]
 pub fn gather(column: &[Lanes], rows: &[u16], out: &mut [Lanes]) {
     let (from, to) = (column.as_flattened(), out.as_flattened_mut());
@@ -110,7 +110,7 @@ pub fn gather(column: &[Lanes], rows: &[u16], out: &mut [Lanes]) {
     }
 }
 
-/// Puts numbers back to their `rows`: the inverse of [`gather`].
+/// Writes numbers back to their `rows`: the inverse of [`gather`].
 #[inline(always)]
 pub fn scatter(column: &[Lanes], rows: &[u16], out: &mut [Lanes]) {
     let (from, to) = (column.as_flattened(), out.as_flattened_mut());
@@ -119,10 +119,12 @@ pub fn scatter(column: &[Lanes], rows: &[u16], out: &mut [Lanes]) {
     }
 }
 
-/// Defines a function over columns that is compiled for every instruction set (see [`crate::simd::dispatch`]).
+/// Defines a function over columns that is compiled for every instruction set (see
+/// [`crate::simd::dispatch`]).
 ///
-/// `vectorized! { fn name['a](simd, x: &'a [Lanes], out: &'a mut [Lanes]) { ... } }`; bounds of generic types follow the lifetime:
-/// `fn name['a, K: Kernel](simd, ...)`. The first argument names the token of the instruction set.
+/// `vectorized! { fn name['a](simd, x: &'a [Lanes], out: &'a mut [Lanes]) { ... } }`; bounds of generic
+/// types follow the lifetime: `fn name['a, K: Kernel](simd, ...)`. The first argument names the token of the
+/// instruction set.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! vectorized_function {
@@ -153,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn buffers_are_used_again() {
+    fn buffers_are_reused() {
         let arena = Arena::default();
         let first = {
             let mut columns = arena.columns::<3>(4);
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_gathered_go_back_to_their_places() {
+    fn scatter_inverts_gather() {
         let column: Vec<Lanes> = (0..3).map(|s| std::array::from_fn(|l| (s * LANES + l) as f32)).collect();
         let rows = [40, 3, 17, 16];
         let mut picked = [[0.0; LANES]; 1];

@@ -1,20 +1,20 @@
-//! Discrete distributions: which cell a uniform number falls into, and what is left of the number inside of it.
+//! Inversion of discrete distributions, with reuse of the uniform number inside the chosen cell.
 
-/// The largest f32 below 1: coordinates of the unit square stay in `[0, 1)`.
+/// The largest f32 below 1, which keeps coordinates of the unit square in `[0, 1)`.
 pub const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// The position of `at` between `from` and `to`, in `[0, 1)`: what is left of a uniform number that chose this interval, as a uniform
-/// number of its own (pbrt's `SampleDiscrete`). An empty interval gives 0.
+/// Returns the position of `at` between `from` and `to`, in `[0, 1)`: remaps a uniform number that chose this
+/// interval to a new uniform number (as pbrt's `SampleDiscrete`). An empty interval gives 0.
 #[inline(always)]
 pub fn remap(at: f32, from: f32, to: f32) -> f32 {
     let inside = (at - from) / (to - from);
-    // In this order what is not a number becomes 0.
+    // In this form NaN becomes 0.
     let inside = if inside > 0.0 { inside } else { 0.0 };
     if inside < BELOW_ONE { inside } else { BELOW_ONE }
 }
 
-/// The last index in `0..count` whose value (non-decreasing in the index, asked for from 1 on) is at most `target`; 0 if there is none. By halving
-/// without a branch.
+/// Returns the last index in `0..count` whose value is at most `target`, or 0 if there is none, by branchless
+/// bisection. Values do not decrease with the index; `value(0)` is not called.
 #[inline(always)]
 pub fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> usize {
     let (mut low, mut size) = (0, count);
@@ -26,8 +26,8 @@ pub fn last_at_most(count: usize, target: f32, value: impl Fn(usize) -> f32) -> 
     low
 }
 
-/// Finds the cell in which a non-decreasing list of inclusive running sums (not empty, last one positive) passes the share
-/// `u` of its total: `(cell, position inside in [0, 1))`.
+/// Finds the cell in which inclusive running sums (not empty, non-decreasing, last one positive) pass
+/// `u` times their total: `(cell, position inside in [0, 1))`.
 #[inline(always)]
 pub fn invert_running_sums(sums: &[f32], u: f32) -> (usize, f32) {
     let target = u * sums[sums.len() - 1];
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_are_hit_in_proportion_and_empty_cells_never() {
+    fn cells_are_hit_in_proportion_to_their_mass() {
         let sums = [0.0, 1.0, 1.0, 4.0];
         for k in 0..1000 {
             let u = k as f32 / 1000.0;
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_number_stays_below_one() {
+    fn remapped_numbers_stay_below_one() {
         assert_eq!(remap(1.0, 0.0, 1.0), BELOW_ONE);
         assert_eq!(remap(0.5, 0.5, 0.5), 0.0);
         assert_eq!(remap(f32::NAN, 0.0, 1.0), 0.0);

@@ -1,4 +1,4 @@
-//! Reading files from outside, and writing result files so that a reader never sees half of one.
+//! Checked reading of input files, and atomic writing of result files.
 
 use std::fs::{self, File, Metadata};
 use std::io::{Error as IoError, Read, Write};
@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 
-/// Opens a file to read, and tells its size in bytes.
+/// Opens a file for reading; returns it and its size in bytes.
 ///
 /// # Errors
-/// The file cannot be opened, or `path` is no regular file: a pipe would be waited for, and a device may have no end.
+/// The file cannot be opened, or `path` is not a regular file: opening a pipe may block, and a device
+/// may have no end.
 pub fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
     let check = |metadata: Metadata| {
         let kind = metadata.file_type();
@@ -19,14 +20,14 @@ pub fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
             _ => Err(IoError::other("it is a pipe or a device, not a regular file")),
         }
     };
-    // Before it is opened, since opening a pipe waits for its other end; and after, since names can change what they stand for.
+    // Check before opening, since opening a pipe blocks, and after, since the path may have been replaced.
     check(fs::metadata(path)?)?;
     let file = File::open(path)?;
     let size = check(file.metadata()?)?;
     Ok((file, size))
 }
 
-/// The content of a regular file of at most `most` bytes.
+/// Reads a regular file of at most `most` bytes.
 ///
 /// # Errors
 /// As [`open_regular`], or if the file is larger.
@@ -37,7 +38,7 @@ pub fn read(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
         return Err(too_large());
     }
     let mut bytes = Vec::with_capacity(size as usize);
-    // It may grow meanwhile.
+    // The file may grow while it is read.
     file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most { Err(too_large()) } else { Ok(bytes) }
 }
@@ -45,7 +46,7 @@ pub fn read(path: &Path, most: u64) -> std::io::Result<Vec<u8>> {
 /// The largest text that [`read_text`] reads.
 const LARGEST_TEXT: u64 = 1 << 26;
 
-/// The content of a regular file of text, of 64 MiB at most.
+/// Reads a regular text file of at most 64 MiB.
 ///
 /// # Errors
 /// As [`read`], or if it is not UTF-8.
@@ -53,15 +54,16 @@ pub fn read_text(path: &Path) -> std::io::Result<String> {
     String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| IoError::other("it is no text: not UTF-8"))
 }
 
-/// The place that writing to `path` fills: links are followed, also one that leads to nothing yet.
+/// Returns the path that writing to `path` creates or replaces: symbolic links are followed, dangling
+/// ones too.
 ///
 /// # Errors
-/// [`Error::Io`] with `path` if it is a folder, a device, a pipe or a socket, which a file would take the place of; if links lead in a
-/// circle; or if the system does not let it be looked at.
+/// [`Error::Io`] with `path` if it is a folder, a device, a pipe or a socket, which must not be replaced by a
+/// file; if links form a cycle; or if the system cannot read its metadata.
 pub fn target(path: &Path) -> Result<PathBuf> {
     let failed = |source| Error::io(path, source);
     let mut place = path.to_owned();
-    // As many links as Linux follows.
+    // Linux's limit.
     for _ in 0..40 {
         let found = match fs::symlink_metadata(&place) {
             Ok(found) => found,
@@ -83,12 +85,14 @@ pub fn target(path: &Path) -> Result<PathBuf> {
     Err(failed(IoError::other("links lead in a circle")))
 }
 
-/// Writes `bytes` to `path`: into a temporary file of the same folder first, which then takes the name.
+/// Writes `bytes` to `path` atomically, through a temporary file in the same folder that is then renamed.
 ///
-/// Links are followed (see [`target`]). Another process sees the old file or the new one, never a part; after an error the old file is untouched.
+/// Links are followed (see [`target`]). Other processes see the old file or the new one, never a part;
+/// after an error the old file is unchanged.
 ///
 /// # Errors
-/// [`Error::Io`] with `path` if the folder does not exist, `path` is no regular file, or the system refuses to write or rename.
+/// [`Error::Io`] with `path` if the folder does not exist, `path` is not a regular file, or the system
+/// fails to write or rename.
 pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
     let place = target(path)?;
     let folder = match place.parent() {
@@ -101,7 +105,8 @@ pub fn replace(path: &Path, bytes: &[u8]) -> Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
-        // Temporary files are private by default; a result is as readable as any other new file (the umask applies).
+        // Temporary files are private by default; results get the usual mode of new files (the umask
+        // applies).
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
     let mut file = builder.tempfile_in(folder).map_err(failed)?;

@@ -1,4 +1,4 @@
-//! Samplers as flat arrays with names, for implementations on other devices: what Dr.Jit gathers from and shaders bind.
+//! Samplers as named flat arrays, for implementations on other devices (Dr.Jit gathers, shader bindings).
 
 /// The numbers of an array.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,7 +9,7 @@ pub enum FlatNumbers {
     Integers(Vec<u32>),
 }
 
-/// An array with a name, row-major.
+/// A named row-major array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatArray {
     /// The name.
@@ -21,12 +21,12 @@ pub struct FlatArray {
 }
 
 impl FlatArray {
-    /// An array of floats.
+    /// Makes an array of floats.
     pub fn floats(name: &'static str, shape: Vec<usize>, numbers: Vec<f32>) -> Self {
         Self { name, shape, numbers: FlatNumbers::Floats(numbers) }
     }
 
-    /// An array of integers.
+    /// Makes an array of integers.
     pub fn integers(name: &'static str, shape: Vec<usize>, numbers: Vec<u32>) -> Self {
         Self { name, shape, numbers: FlatNumbers::Integers(numbers) }
     }

@@ -14,8 +14,8 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame of a unit normal, without branches or singularities (Duff et al. 2017, "Building an Orthonormal Basis,
-    /// Revisited").
+    /// Builds the frame of a unit normal, without branches or singularities (Duff et al. 2017, "Building an
+    /// Orthonormal Basis, Revisited").
     #[inline(always)]
     pub fn from_normal(n: Vec3) -> Self {
         let sign = 1.0_f32.copysign(n.z);
@@ -28,13 +28,13 @@ impl Frame {
         }
     }
 
-    /// From local to world coordinates.
+    /// Transforms from local to world coordinates.
     #[inline(always)]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.s * v.x + self.t * v.y + self.n * v.z
     }
 
-    /// From world to local coordinates.
+    /// Transforms from world to local coordinates.
     #[inline(always)]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(v.dot(self.s), v.dot(self.t), v.dot(self.n))

@@ -1,21 +1,21 @@
-//! Large read-only tables that are read at random places.
+//! Large read-only tables with random access.
 //!
-//! A lookup in a table of some megabytes misses the processor's table of page addresses as often as its caches. Where the system has larger
-//! pages (Linux), such tables ask for them.
+//! Lookups in a table of several megabytes miss the TLB as often as the caches. On Linux, such tables request
+//! huge pages.
 
 use std::ops::Deref;
 
 use bytemuck::Pod;
 
-/// Tables smaller than this many bytes gain nothing: one of the usual larger pages.
+/// Size in bytes from which huge pages are requested: the usual size of one.
 const LEAST: usize = 2 << 20;
 
-/// A list that never changes, in large pages where they help.
+/// An immutable list, in huge pages where they help.
 #[derive(Debug)]
 pub enum Large<T> {
     /// In ordinary memory.
     Ordinary(Vec<T>),
-    /// In memory of its own, which was asked for in large pages.
+    /// In a mapping of its own, for which huge pages were requested.
     #[cfg(target_os = "linux")]
     Mapped(memmap2::MmapMut),
 }
@@ -26,7 +26,7 @@ impl<T: Pod> From<Vec<T>> for Large<T> {
         if size_of_val(&list[..]) >= LEAST
             && let Ok(mut map) = memmap2::MmapMut::map_anon(size_of_val(&list[..]))
         {
-            // Advice: a system without such pages keeps the others.
+            // Only advice: a system without huge pages uses ordinary ones.
             let _ = map.advise(memmap2::Advice::HugePage);
             map.copy_from_slice(bytemuck::cast_slice(&list));
             return Self::Mapped(map);
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_of_every_size_are_kept_as_they_are() {
+    fn content_is_kept_for_all_sizes() {
         for length in [0, 1, 1000, LEAST / 4 - 1, LEAST / 4, LEAST / 2 + 3] {
             let list: Vec<f32> = (0..length).map(|k| k as f32).collect();
             let large = Large::from(list.clone());

@@ -1,4 +1,5 @@
-//! The lat-long parametrisation of the sphere: sample square X <-> unit directions (Mitsuba 3's `envmap` convention).
+//! The lat-long parametrisation of the sphere: sample square X <-> unit directions (Mitsuba 3's
+//! `envmap` convention).
 //!
 //! `x = (u, v)` in `[0,1]^2`, azimuth `phi = 2 pi u`, polar angle `theta = pi v`, Y up:
 //! `w = (sin phi sin theta, cos theta, -cos phi sin theta)`.
@@ -12,15 +13,15 @@ use crate::{
     simd::{self, LANES, Lanes},
 };
 
-/// The smallest `sin theta` used in a change of measure: it keeps the pdf of the exact pole finite, on every path alike.
+/// The smallest `sin theta` in a change of measure, which keeps the pdf at the exact pole finite everywhere.
 const MIN_SIN_THETA: f32 = 1e-7;
 
-/// The unit direction of a point of the square.
+/// Maps a point of the square to its unit direction.
 pub fn direction(x: Vec2) -> Vec3A {
     direction_and_factor(x).0
 }
 
-/// The unit direction of a point of the square, and [`solid_angle_factor`] there.
+/// Maps a point of the square to its unit direction and [`solid_angle_factor`].
 pub fn direction_and_factor(x: Vec2) -> (Vec3A, f32) {
     let (w, factor) = components_and_factor(x.x, x.y);
     (Vec3A::from_array(w), factor)
@@ -34,9 +35,10 @@ fn components_and_factor(u: f32, v: f32) -> ([f32; 3], f32) {
     ([sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta], factor_of(sin_theta))
 }
 
-/// The point of the square of a unit direction; `u` in `[0, 1)`, `v` in `[0, 1]`.
+/// Maps a unit direction to its point of the square; `u` in `[0, 1)`, `v` in `[0, 1]`.
 ///
-/// `theta` is taken from the arc tangent, not the arc cosine: near the poles that loses half of the digits, and with them the pdf.
+/// `theta` comes from the arc tangent: near the poles, the arc cosine loses half of the digits, and with them
+/// the accuracy of the pdf.
 pub fn square(w: Vec3A) -> Vec2 {
     let [u, v] = square_of(w.x, w.y, w.z);
     Vec2::new(u, v)
@@ -68,8 +70,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// [`direction`] over columns; `pdf`, over X before, is over solid angle after. A pdf that is not positive and finite becomes 0: the edge of
-    /// a dark region, which is hit with probability 0.
+    /// [`direction`] over columns; converts `pdf` from X to solid angle. A pdf that is not positive and
+    /// finite becomes 0: the edge of a dark region, which is hit with probability 0.
     pub fn directions['a](_simd, x: [&'a [Lanes]; 2], w: [&'a mut [Lanes]; 3], pdf: &'a mut [Lanes]) {
         let [right, up, back] = w;
         for strip in 0..pdf.len() {
@@ -88,7 +90,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// Densities over X at elevations `v` become pdfs over solid angle.
+    /// Converts densities over X at elevations `v` to pdfs over solid angle.
     pub fn to_solid_angle['a](_simd, v: &'a [Lanes], pdf: &'a mut [Lanes]) {
         for (v, pdf) in v.iter().zip(pdf) {
             for k in 0..LANES {
@@ -125,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axes_are_where_mitsuba_puts_them() {
+    fn axes_follow_mitsuba() {
         let near = |a: Vec3A, b: Vec3A| (a - b).length() < 1e-6;
         assert!(near(direction(Vec2::new(0.3, 0.0)), Vec3A::Y));
         assert!(near(direction(Vec2::new(0.0, 0.5)), -Vec3A::Z));
@@ -140,7 +142,8 @@ mod tests {
                 let x = Vec2::new(u, v);
                 let y = square(direction(x));
                 let du = (y.x - x.x).abs();
-                // u: f32 angle error (2e-7) grows with 1 / sin theta only through the rounding of w, which is relative.
+                // u: f32 angle error (2e-7) grows with 1 / sin theta only through the rounding of w,
+                // which is relative.
                 assert!(du.min(1.0 - du) < 1e-6, "{x} -> {y}");
                 // v: sin(pi v) of an f32 argument near pi has absolute error 1e-7, i.e. 4e-8 in v.
                 assert!((y.y - x.y).abs() < 2e-7, "{x} -> {y}");

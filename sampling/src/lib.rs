@@ -1,9 +1,8 @@
-//! Importance sampling of environment light: samplers, estimators and their files, for a renderer to
-//! embed.
+//! Importance sampling of environment light: samplers, estimators and their files, for embedding in a
+//! renderer.
 //!
-//! Uniform points become directions in proportion to light x BRDF x cosine, as columns of SIMD lanes.
-//! This crate knows neither scenes nor rays: the renderer that embeds it finds out which directions
-//! are visible.
+//! Samplers map uniform points to directions with a density close to light x BRDF x cosine, as columns of
+//! SIMD lanes. This crate has neither scenes nor rays: the renderer that embeds it traces visibility.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -12,20 +11,20 @@
 //! | `spline/`, `head/`, `export/` | splines; inference of heads; the exported file |
 //! | `bake/` | densities over Y tabulated over normals |
 //! | `patches/` | product sampling in closed form |
-//! | `visibility/` | visibility learned from shadow rays, and the weights that follow |
+//! | `visibility/` | visibility learned from shadow rays, and the resulting weights |
 //! | `brdf/` | BRDFs and BRDF sampling |
 //! | `sampler/`, `estimator/` | samplers with a pdf; estimators over them |
 //! | `spec/` | samplers by name |
 //! | `rival/` | samplers from the literature, for comparison |
-//! | `points/`, `random.rs` | the numbers of renderings; the numbers of training and tests |
-//! | `tile.rs`, `batch.rs`, `one_point.rs` | shading points as columns, as flat lists, and singly |
+//! | `points/`, `random.rs` | sample points of renderings; random streams of training and tests |
+//! | `tile.rs`, `batch.rs`, `one_point.rs` | shading points as columns, as flat lists, and single points |
 //! | `columns.rs`, `simd.rs` | columns of samples and their arena; functions over SIMD lanes |
 //! | `linear.rs`, `discrete.rs` | affine layers; inversion of running sums |
 //! | `latlong.rs`, `frame.rs` | directions and X; the frame around a normal |
-//! | `color.rs`, `morton.rs` | luminance and the tone curve; Morton's curve |
+//! | `color.rs`, `morton.rs` | luminance and the tone curve; the Morton curve |
 //! | `flat.rs` | samplers as named arrays, for other devices |
 //! | `file.rs`, `tensor_file.rs`, `path_text.rs` | files; safetensors; paths within text |
-//! | `memory.rs`, `large.rs` | limits of memory; large tables |
+//! | `memory.rs`, `large.rs` | memory limits; large tables |
 //! | `remark.rs`, `timings.rs` | notes about files; time by stage |
 //! | `parallel.rs` | loops over threads |
 

@@ -1,4 +1,4 @@
-//! Affine layers: weights as files have them, and packed for products of a small matrix with `[inputs, LANES]`.
+//! Affine layers: weights in file order, and packed for products of a small matrix with `[inputs, LANES]`.
 
 use crate::{
     error::{Error, Result},
@@ -16,10 +16,10 @@ pub struct Linear {
 }
 
 impl Linear {
-    /// A layer of a row-major weight `[outputs, inputs]` and a bias `[outputs]` (PyTorch's order).
+    /// Makes a layer of a row-major weight `[outputs, inputs]` and a bias `[outputs]` (PyTorch's order).
     ///
     /// # Errors
-    /// The sizes do not fit, or a value is not finite.
+    /// The sizes do not match, or a value is not finite.
     pub fn new(name: &str, inputs: usize, outputs: usize, weight: &[f32], bias: Vec<f32>) -> Result<Self> {
         if outputs == 0 || weight.len() != inputs * outputs || bias.len() != outputs {
             let reason = format!("{} weights and {} biases do not fit {outputs} x {inputs}", weight.len(), bias.len());
@@ -52,12 +52,13 @@ impl Linear {
     }
 }
 
-/// Most outputs of a block. With two registers of [`LANES`] samples each, as AVX2 has, six outputs keep twelve sums in
-/// registers: enough to hide the latency of a multiply-add, and few enough to leave room for the factors.
+/// Maximum outputs of a block. With [`LANES`] samples in two registers (AVX2), six outputs keep twelve
+/// sums in registers: enough to hide the latency of a multiply-add, and few enough to leave room for
+/// the factors.
 const BLOCK: usize = 6;
 
-/// A part of the columns of a [`Linear`], its weights in the order in which they are read: for each block of outputs, for each
-/// input, the weights of the block.
+/// A range of columns of a [`Linear`], with its weights in the order of reading: for each block of
+/// outputs, for each input, the weights of the block.
 #[derive(Clone, Debug)]
 pub(crate) struct Packed {
     inputs: usize,
@@ -67,22 +68,22 @@ pub(crate) struct Packed {
     blocks: Vec<usize>,
 }
 
-/// What an output is before the products are added.
+/// The value to which the products are added.
 #[derive(Clone, Copy)]
 pub(crate) enum Start<'a> {
     /// The layer's bias.
     Bias,
-    /// What another part of the same layer gave.
+    /// The output of another part of the same layer.
     Of(&'a [Lanes]),
 }
 
 impl Packed {
-    /// All of a layer.
+    /// Packs a whole layer.
     pub fn new(layer: &Linear) -> Self {
         Self::part(layer, 0, layer.inputs())
     }
 
-    /// The part of a layer that reads `count` inputs from `first` on.
+    /// Packs the part of a layer that reads `count` inputs from `first` on.
     pub fn part(layer: &Linear, first: usize, count: usize) -> Self {
         let (inputs, outputs) = (layer.inputs(), layer.outputs());
         let of_layer = layer.weight();
@@ -103,14 +104,15 @@ impl Packed {
         self.bias.len()
     }
 
-    /// `out = start + W x`, and then the leaky ReLU of that slope if there is one. `x` and `out` may be longer than the layer's sizes.
+    /// Computes `out = start + W x`, then a leaky ReLU if `slope` is given. `x` and `out` may be longer
+    /// than the layer's sizes.
     #[inline(always)]
     pub fn forward<S: Simd>(&self, simd: S, start: Start<'_>, x: &[Lanes], out: &mut [Lanes], slope: Option<f32>) {
         simd::call(simd, Forward { layer: self, start, x, out, slope });
     }
 }
 
-/// One layer.
+/// The work of [`Packed::forward`].
 struct Forward<'a> {
     layer: &'a Packed,
     start: Start<'a>,
@@ -150,13 +152,13 @@ impl Vectorized for Forward<'_> {
     }
 }
 
-/// Sizes of the fewest blocks, as even as possible: a block of one would wait for its own sums.
+/// Sizes of the fewest blocks, as even as possible: a block of one output would stall on its own sums.
 fn even_blocks(outputs: usize) -> Vec<usize> {
     let count = outputs.div_ceil(BLOCK);
     (0..count).map(|k| (k + 1) * outputs / count - k * outputs / count).collect()
 }
 
-/// A block of `R` outputs, for the number of registers that [`LANES`] samples take.
+/// Computes a block of `R` outputs with the number of registers that [`LANES`] samples need.
 #[inline(always)]
 fn rows_of<S: Simd, const R: usize>(simd: S, weights: &[f32], x: &[Lanes], out: &mut [Lanes], slope: Option<f32>) {
     match S::F32_LANES {
@@ -167,7 +169,7 @@ fn rows_of<S: Simd, const R: usize>(simd: S, weights: &[f32], x: &[Lanes], out: 
     }
 }
 
-/// `N` registers hold [`LANES`] numbers.
+/// Computes a block of `R` outputs; `N` registers hold [`LANES`] numbers.
 #[inline(always)]
 fn kernel<S: Simd, const R: usize, const N: usize>(
     simd: S,

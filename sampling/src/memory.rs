@@ -1,21 +1,22 @@
-//! How much memory there is, so that what is too large is refused by a sentence instead of by the system.
+//! Available memory, so that oversized work fails with an error instead of being killed by the system.
 
 use std::{fs, path::Path};
 
 use crate::error::{Error, Result};
 
-/// The variable that says how many MB of 2^20 bytes are to be taken at most.
+/// The environment variable that limits memory, in MB of 2^20 bytes.
 const VARIABLE: &str = "HEADTAIL_MEMORY";
-/// What a pixel takes while it is rendered and written: sums, three images, and what they are encoded in.
+/// Bytes of a pixel during rendering and writing: sums, three images and their encoded form.
 const BYTES_PER_PIXEL: u64 = 200;
-/// What a pixel of a finished picture takes, and of what is drawn of it.
+/// Bytes of a pixel of a finished picture, with the images derived from it.
 const BYTES_PER_KEPT_PIXEL: u64 = 40;
 
-/// Refuses work that needs more memory than there is, or than `HEADTAIL_MEMORY` (in MB of 2^20 bytes) allows. `what` names it.
+/// Rejects work that needs more memory than is available or `HEADTAIL_MEMORY` (in MB of 2^20 bytes) allows.
+///
+/// `what` names the work. If neither the variable nor the system gives a limit, all work is accepted.
 ///
 /// # Errors
-/// [`Error::Argument`] with both numbers, or if `HEADTAIL_MEMORY` is no number. Where neither it nor the system says what is available, nothing
-/// is refused.
+/// [`Error::Argument`] with both numbers, or if `HEADTAIL_MEMORY` is not a number.
 pub fn require(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
     let available = [available(), allowed(std::env::var(VARIABLE).ok().as_deref())?].into_iter().flatten().min();
     match available {
@@ -27,7 +28,8 @@ pub fn require(bytes: u64, what: impl FnOnce() -> String) -> Result<()> {
     }
 }
 
-/// Refuses pictures that need more memory than there is: one that is rendered and written, and `kept` finished ones of its size in pixels.
+/// Rejects pictures that need more memory than is available: one to render and write, and `kept`
+/// finished ones of the same size in pixels.
 ///
 /// # Errors
 /// As [`require`].
@@ -39,30 +41,31 @@ pub fn require_pictures(width: usize, height: usize, kept: usize) -> Result<()> 
     })
 }
 
-/// What the variable allows, in bytes.
+/// The limit of the environment variable, in bytes.
 fn allowed(variable: Option<&str>) -> Result<Option<u64>> {
     let megabytes = |text: &str| text.parse::<u64>().ok().filter(|megabytes| *megabytes < 1 << 44);
     let wrong = || Error::argument(VARIABLE, "is a whole number of MB");
     variable.map(|text| Ok(megabytes(text).ok_or_else(wrong)? << 20)).transpose()
 }
 
-/// Bytes that this process can still take: the lesser of what the machine has and what its control groups and limits leave; `None` where the
-/// system does not say.
+/// Returns the bytes that this process can still allocate: the least that the machine, its control
+/// groups and its limits leave; `None` where the system gives none of these.
 pub fn available() -> Option<u64> {
     let of_machine =
         fs::read_to_string("/proc/meminfo").ok().and_then(|text| field(&text, "MemAvailable:")).map(|kib| kib << 10);
     [of_machine, of_control_group(), of_address_space()].into_iter().flatten().min()
 }
 
-/// What the process's control group and those around it leave, of version 2 and 1.
+/// Bytes left by the process's control groups (versions 2 and 1) and their ancestors.
 fn of_control_group() -> Option<u64> {
     let own = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     left_by_groups(&own, Path::new("/sys/fs/cgroup"))
 }
 
-/// The least that a group leaves: `own` is `/proc/self/cgroup`, whose lines are `number:controllers:path`, and groups are folders below `root`.
+/// The least that a group leaves: `own` is the content of `/proc/self/cgroup`, with lines
+/// `number:controllers:path`; groups are folders below `root`.
 fn left_by_groups(own: &str, root: &Path) -> Option<u64> {
-    // Where the process sees its groups under other names, as in a container, the outermost one is its own.
+    // In a container, paths may differ from those in `own`; there the root is the process's own group.
     let mut least = [left_by(root, V2), left_by(&root.join("memory"), V1)].into_iter().flatten().min();
     for line in own.lines() {
         let mut parts = line.splitn(3, ':');
@@ -79,12 +82,13 @@ fn left_by_groups(own: &str, root: &Path) -> Option<u64> {
     least
 }
 
-/// Names of a group's limit, of what it uses, and of the field of `memory.stat` that says how much of that is a cache which gives way.
+/// Names of the files of a group's limit and usage, and of the field of `memory.stat` with the
+/// reclaimable cache.
 type Files = [&'static str; 3];
 const V2: Files = ["memory.max", "memory.current", "inactive_file"];
 const V1: Files = ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"];
 
-/// What a group's own limit leaves, if it has one.
+/// Bytes left by a group's own limit, if it has one.
 fn left_by(group: &Path, [limit, used, cached]: Files) -> Option<u64> {
     let number = |name: &str| fs::read_to_string(group.join(name)).ok()?.trim().parse::<u64>().ok();
     let limit = number(limit)?;
@@ -93,7 +97,7 @@ fn left_by(group: &Path, [limit, used, cached]: Files) -> Option<u64> {
     Some(limit.saturating_sub(number(used)?.saturating_sub(cached)))
 }
 
-/// What `ulimit -v` leaves.
+/// Bytes left by `ulimit -v`.
 fn of_address_space() -> Option<u64> {
     let limits = fs::read_to_string("/proc/self/limits").ok()?;
     let limit = limits
@@ -103,7 +107,7 @@ fn of_address_space() -> Option<u64> {
     Some(limit.saturating_sub(used))
 }
 
-/// The number after a name at the start of a line.
+/// Parses the number after a name at the start of a line.
 fn field(text: &str, name: &str) -> Option<u64> {
     text.lines().find_map(|line| line.strip_prefix(name)?.split_whitespace().next()?.parse().ok())
 }
@@ -118,7 +122,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn what_is_more_than_there_is_is_refused_in_words() {
+    fn oversized_work_is_rejected_with_both_sizes() {
         assert!(available().is_some_and(|bytes| bytes > 1 << 20));
         require(1, || unreachable!()).unwrap();
         let refused = require(1 << 60, || "a batch".into()).unwrap_err().to_string();
@@ -140,13 +144,13 @@ mod tests {
     }
 
     #[test]
-    fn limits_of_a_job_stand_in_the_groups_around_its_own() {
+    fn limits_of_ancestor_groups_apply() {
         let step = "system.slice/slurmstepd.scope/job_1/step_0/user/task_0";
         let job = "system.slice/slurmstepd.scope/job_1";
         let root = groups(V2, &[(step, "max", 1000), (job, "5000", 2000)]);
         let own = format!("0::/{step}\n");
         assert_eq!(left_by_groups(&own, root.path()), Some(3000));
-        // What a cache takes can be had back.
+        // Inactive cache is reclaimable.
         fs::write(root.path().join(job).join("memory.stat"), "anon 900\ninactive_file 1100\n").unwrap();
         assert_eq!(left_by_groups(&own, root.path()), Some(4100));
         assert_eq!(left_by_groups("0::/elsewhere\n", root.path()), None);
@@ -154,7 +158,7 @@ mod tests {
         let root = groups(V1, &[("memory/slurm/uid_0/job_7", "700", 100), ("memory", "9000", 0)]);
         let own = "11:cpu,cpuacct:/slurm\n10:memory:/slurm/uid_0/job_7/step_0\n0::/\n";
         assert_eq!(left_by_groups(own, root.path()), Some(600));
-        // Seen under another name from within a container.
+        // The path differs inside a container.
         assert_eq!(left_by_groups("10:memory:/docker/abc\n", root.path()), Some(9000));
     }
 

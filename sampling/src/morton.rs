@@ -1,6 +1,6 @@
-//! Morton's curve through the cells of a square: the bits of both coordinates, alternately.
+//! The Morton curve through the cells of a square: interleaved bits of both coordinates.
 
-/// The 16 low bits, a zero above each.
+/// Spreads the 16 low bits, with a zero above each.
 #[inline(always)]
 pub fn spread(bits: u32) -> u32 {
     let bits = (bits | (bits << 8)) & 0x00ff_00ff;
@@ -9,7 +9,7 @@ pub fn spread(bits: u32) -> u32 {
     (bits | (bits << 1)) & 0x5555_5555
 }
 
-/// Every other bit, from the lowest on: the inverse of [`spread`].
+/// Gathers every other bit, from the lowest on: the inverse of [`spread`].
 #[inline(always)]
 pub fn gather(bits: u32) -> u32 {
     let bits = bits & 0x5555_5555;
@@ -19,7 +19,7 @@ pub fn gather(bits: u32) -> u32 {
     (bits | (bits >> 8)) & 0x0000_ffff
 }
 
-/// The place of a cell on the curve.
+/// The index of a cell on the curve.
 #[inline(always)]
 pub fn morton(x: u16, y: u16) -> u32 {
     spread(u32::from(x)) | spread(u32::from(y)) << 1
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_curve_goes_through_squares_of_every_size() {
+    fn indices_interleave_the_bits_of_both_coordinates() {
         assert_eq!(morton(0b101, 0b011), 0b01_10_11);
         assert_eq!((morton(u16::MAX, 0), morton(0, u16::MAX)), (0x5555_5555, 0xaaaa_aaaa));
     }

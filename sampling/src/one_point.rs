@@ -1,4 +1,4 @@
-//! One shading point and many directions: a tile of copies of the point.
+//! One shading point and many directions, as a tile of copies of the point.
 
 use glam::{Vec2, Vec3A, Vec4};
 
@@ -12,27 +12,27 @@ use crate::{
 /// Copies of the point in a tile.
 const COPIES: usize = 256;
 
-/// A shading point, ready for many directions or random numbers: for embedders, tests and quadratures. What a renderer does with many points
-/// goes through the same functions.
+/// A shading point, ready for many directions or random numbers: for embedders, tests and quadratures.
+/// It uses the same functions as rendering of many points.
 #[derive(Debug)]
 pub struct OnePoint {
     tile: Tile,
-    /// The work space of all calls.
+    /// Buffers of all calls.
     pub arena: Arena,
 }
 
 impl OnePoint {
-    /// Copies of a point with an analytic BRDF, `copies` at a time at most.
+    /// Makes a tile of `copies` copies of a point with an analytic BRDF.
     pub fn new(at: &ShadingPoint, copies: usize) -> Self {
         Self::of_table(at, copies, &BrdfTable::default())
     }
 
-    /// Copies of a point with a BRDF of a table.
+    /// Makes a tile of `copies` copies of a point with a BRDF of a table.
     pub fn of_table(at: &ShadingPoint, copies: usize, brdfs: &BrdfTable) -> Self {
         Self { tile: Tile::of_table(&vec![*at; copies], brdfs), arena: Arena::default() }
     }
 
-    /// The width in radians of the BRDF's narrowest lobe, to within a small factor; pi for a diffuse surface.
+    /// The approximate width in radians of the BRDF's narrowest lobe; pi for a diffuse surface.
     pub fn lobe_width(&self) -> f32 {
         let rows = self.tile.rows();
         let mut alpha = vec![[0.0; LANES]; rows.strips()];
@@ -45,26 +45,26 @@ impl OnePoint {
         &self.tile
     }
 
-    /// `f_r max(0, n . wi)` per channel, in 1/sr, for each direction.
+    /// Evaluates `f_r max(0, n . wi)` per channel, in 1/sr, for each direction.
     pub fn brdf_cosines(&self, wi: &[Vec3A]) -> Vec<Vec3A> {
         self.map(wi, |columns, out: [&mut [Lanes]; 3]| self.tile.rows().brdf_cosine(columns, out, &self.arena))
             .map(Vec3A::from_array)
             .collect()
     }
 
-    /// The solid-angle pdfs of BRDF sampling.
+    /// Evaluates the solid-angle pdfs of BRDF sampling.
     pub fn brdf_pdfs(&self, wi: &[Vec3A]) -> Vec<f32> {
         self.map(wi, |columns, [out]| self.tile.rows().brdf_pdf(columns, out, &self.arena)).map(|[pdf]| pdf).collect()
     }
 
-    /// Directions of BRDF sampling and their pdfs; `None` is no sample.
+    /// Draws directions by BRDF sampling, with their pdfs; `None` means no sample.
     pub fn sample_brdf(&self, u: &[Vec2]) -> Vec<Option<(Vec3A, f32)>> {
         self.map(u, |columns, [x, y, z, pdf]| self.tile.rows().sample_brdf(columns, [x, y, z], pdf, &self.arena))
             .map(|[x, y, z, pdf]| (pdf > 0.0).then_some((Vec3A::new(x, y, z), pdf)))
             .collect()
     }
 
-    /// Maps a list of vectors by a function over columns of the tile's length.
+    /// Maps a list of vectors with a function over columns of the tile's length.
     pub fn map<const N: usize, const M: usize, V: Components<N>>(
         &self,
         list: &[V],
@@ -105,16 +105,16 @@ impl ShadingPoint {
         OnePoint::new(self, 1).lobe_width()
     }
 
-    /// `f_r max(0, n . wi)` towards `wi` per channel, in 1/sr; zero where `wi` is below the geometric surface. For many directions there
-    /// is [`OnePoint::brdf_cosines`].
+    /// Evaluates `f_r max(0, n . wi)` per channel, in 1/sr; zero where `wi` is below the geometric
+    /// surface. For many directions, use [`OnePoint::brdf_cosines`].
     pub fn brdf_cosine(&self, wi: Vec3A) -> Vec3A {
         OnePoint::new(self, 1).brdf_cosines(&[wi])[0]
     }
 }
 
-/// A vector as numbers.
+/// A vector as an array of components.
 pub trait Components<const N: usize> {
-    /// Its numbers.
+    /// The components.
     fn components(&self) -> [f32; N];
 }
 

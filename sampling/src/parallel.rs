@@ -1,11 +1,11 @@
-//! Loops over many threads with the feature `rayon`, on the calling thread without it. Results are the same.
+//! Parallel loops with the feature `rayon`; without it, loops on the calling thread with the same results.
 
 #[cfg(feature = "rayon")]
 pub use rayon::prelude::*;
 #[cfg(not(feature = "rayon"))]
 pub use sequential::*;
 
-/// The methods of rayon that this crate calls, over iterators of the standard library.
+/// The methods of rayon that this crate calls, on iterators of the standard library.
 #[cfg(not(feature = "rayon"))]
 mod sequential {
     pub trait IntoParallelIterator {

@@ -1,7 +1,7 @@
-//! Paths within text: names of files that are no Unicode, in arguments and settings that can be names of other things too.
+//! Paths as text: non-UTF-8 file names in arguments and settings that also accept other names.
 //!
-//! A path that is Unicode is its own text. In another one, each byte that is no part of UTF-8 is a character of a private range, and so is
-//! each byte of characters of that range itself, so that every path has a text of its own and the text says which path it is.
+//! A UTF-8 path is its own text. In other paths, each byte that is not part of UTF-8 becomes a character of a
+//! private range, as does each byte of characters of that range itself, so the mapping is invertible.
 
 #[cfg(unix)]
 use std::os::unix::ffi::OsStringExt;
@@ -13,12 +13,12 @@ use std::{
 /// The character of byte 0; only bytes from 128 on have one.
 const FIRST: u32 = 0xF700;
 
-/// The byte that a character stands for.
+/// The byte that a character encodes.
 fn byte_of(c: char) -> Option<u8> {
     u8::try_from(u32::from(c).wrapping_sub(FIRST)).ok().filter(|&byte| byte >= 0x80)
 }
 
-/// The path that a text names.
+/// Decodes a text to its path.
 pub fn path_of(text: &str) -> PathBuf {
     if !text.chars().any(|c| byte_of(c).is_some()) {
         return text.into();
@@ -36,7 +36,7 @@ pub fn path_of(text: &str) -> PathBuf {
     return String::from_utf8_lossy(&bytes).into_owned().into();
 }
 
-/// The text that names a path: [`path_of`] it is that path.
+/// Encodes a path as text: the inverse of [`path_of`].
 pub fn text_of(path: &Path) -> Cow<'_, str> {
     if let Some(text) = path.to_str()
         && !text.chars().any(|c| byte_of(c).is_some())
@@ -68,13 +68,13 @@ mod tests {
     use crate::random::{Purpose, Stream};
 
     #[test]
-    fn every_path_has_a_text_that_names_it() {
+    fn every_path_survives_the_round_trip() {
         let private = "caf\u{f7e9}".as_bytes();
         let mut names: Vec<Vec<u8>> =
             vec![b"caf\xe9.hdr".to_vec(), "caf\u{e9}.hdr".into(), private.to_vec(), Vec::new()];
         let mut random = Stream::new(3, Purpose::Test, 0);
         names.extend((0..500).map(|_| (0..12).map(|_| 1 + (255.0 * random.uniform()) as u8).collect()));
-        // Bytes of characters of the private range, whole and cut.
+        // Bytes of characters of the private range, whole and truncated.
         names.extend((0..6).map(|k| [&private[..private.len() - k % 4], b"\xff", private].concat()));
         for name in names {
             let path = Path::new(OsStr::from_bytes(&name));
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_are_unicode_stay() {
+    fn unicode_names_are_unchanged() {
         for name in ["studio", "a b/\u{e9}\u{4e2d}.exr", "C:\\maps"] {
             assert_eq!(text_of(Path::new(name)), name);
             assert_eq!(path_of(name), Path::new(name));

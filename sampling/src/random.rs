@@ -1,16 +1,17 @@
-//! Random streams keyed by (seed, purpose, index): the same key gives the same numbers on any number of threads.
+//! Random streams keyed by (seed, purpose, index): the same key gives the same numbers on any number of
+//! threads.
 
 use glam::Vec2;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What a stream is for; streams of different purposes never overlap.
+/// The purpose of a stream; streams of different purposes never overlap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Purpose {
     /// Camera rays and light samples of one pixel.
     Pixel = 1,
-    /// Initial weights.
+    /// Initial network weights.
     Weights = 2,
     /// A training batch.
     Batch = 3,
@@ -20,9 +21,9 @@ pub enum Purpose {
     Bake = 5,
     /// Tests and benchmarks.
     Test = 6,
-    /// Points that a flow tail is fitted to.
+    /// Training points of a flow tail.
     Tail = 7,
-    /// Light paths through a fabric.
+    /// Light paths through fabric.
     Texture = 8,
 }
 
@@ -41,17 +42,17 @@ impl Stream {
         Self(generator)
     }
 
-    /// A uniform number in `[0, 1)` with 24 bits: never 1.
+    /// Draws a uniform number in `[0, 1)` with 24 bits.
     pub fn uniform(&mut self) -> f32 {
         (self.0.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0)
     }
 
-    /// A uniform point of `[0, 1)^2`.
+    /// Draws a uniform point of `[0, 1)^2`.
     pub fn uniform2(&mut self) -> Vec2 {
         Vec2::new(self.uniform(), self.uniform())
     }
 
-    /// A uniform unit direction.
+    /// Draws a uniform unit direction.
     pub fn direction(&mut self) -> glam::Vec3A {
         let z = 1.0 - 2.0 * self.uniform();
         let r = (1.0 - z * z).max(0.0).sqrt();

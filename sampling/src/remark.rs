@@ -1,18 +1,18 @@
-//! What readers of files decide where a file is unusual, for whoever asked for the file.
+//! Remarks on unusual files, for the user who opened them.
 
 use std::fmt;
 
-/// A decision about a file that its user should know of.
+/// A decision about a file that its user should be told.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Remark {
-    /// Something was converted or chosen as the file asks for it; the result is right.
+    /// Something was converted or chosen as the file specifies; the result is correct.
     Note(String),
     /// Something in the file changes light or geometry and could not be applied, or had to be repaired.
     Warning(String),
 }
 
 impl Remark {
-    /// What is to be said, as a clause without the name of the file.
+    /// The text, a clause without the name of the file.
     pub fn text(&self) -> &str {
         match self {
             Self::Note(text) | Self::Warning(text) => text,

@@ -1,13 +1,14 @@
-//! Elementary functions that compilers turn into SIMD instructions, and the dispatch to the best instruction set.
+//! Elementary functions that compilers vectorize, and the dispatch to the best instruction set.
 //!
-//! The functions have no branch and no table: in a loop over an array of fixed length they become a few vector instructions on
-//! every processor. They are made of additions, multiplications, divisions and comparisons, each rounded on its own, so their results are
-//! the same to the bit on every processor and with every instruction set. Fused multiply-adds are the only thing that differs: the matrix
-//! products and the scaling of spline bins in heads ([`Simd::mul_add_e_f32s`]), and the masses of patches of sky ([`fused`]), are fused
-//! with `avx2`, `avx512` and `neon`, and are rounded twice with `portable`.
+//! The functions have neither branches nor tables: in a loop over an array of fixed length they become
+//! a few vector instructions on every processor. They consist of additions, multiplications, divisions
+//! and comparisons, each rounded separately, so their results are bit-identical on all processors and
+//! instruction sets. Only fused multiply-adds differ: the matrix products and the scaling of spline
+//! bins in heads ([`Simd::mul_add_e_f32s`]), and the masses of patches of sky ([`fused`]), are fused
+//! with `avx2`, `avx512` and `neon`, and rounded twice with `portable`.
 //!
-//! Code that uses them is run through [`dispatch`]. It must be made of plain loops and `#[inline(always)]` functions: closures are not
-//! compiled for the processor that is found.
+//! Code that uses them runs through [`dispatch`]. It must consist of plain loops and `#[inline(always)]`
+//! functions: closures are not compiled for the detected processor.
 
 use std::{ffi::OsStr, sync::LazyLock};
 
@@ -17,19 +18,20 @@ use pulp::{Arch, WithSimd};
 
 use crate::error::{Error, Result};
 
-/// The environment variable that names the instruction set: `portable`, `avx2` or `avx512` on x86-64, `portable` or `neon` on aarch64.
-/// It is read once, when the first work is dispatched or [`instruction_set`] is called. Without it the best set is taken.
+/// The environment variable that selects the instruction set: `portable`, `avx2` or `avx512` on x86-64,
+/// `portable` or `neon` on aarch64. It is read once, at the first [`dispatch`] or [`instruction_set`].
+/// By default, the best set is used.
 pub const VARIABLE: &str = "HEADTAIL_SIMD";
 
-/// Numbers that are worked on side by side: one AVX-512 register, or two AVX2 registers.
+/// Samples per strip: one AVX-512 register, or two AVX2 registers.
 pub const LANES: usize = 16;
 
 /// One number of each of [`LANES`] samples.
 pub type Lanes = [f32; LANES];
 
-/// A list of four numbers each, of which every sample reads another.
+/// A list of quadruples, gathered at one index per sample.
 pub trait Quads {
-    /// The first, second, third and fourth numbers of the entries of `index`; `N` is a multiple of 4.
+    /// Loads the first, second, third and fourth numbers of the entries at `index`; `N` is a multiple of 4.
     fn load<const N: usize>(&self, index: &[u32; N]) -> [[f32; N]; 4];
 }
 
@@ -50,7 +52,7 @@ impl Quads for [[f32; 4]] {
 }
 
 impl Quads for [[u16; 4]] {
-    /// Two numbers at a time, which are taken apart for all lanes together.
+    /// Two numbers per 32-bit word, which are unpacked for all lanes together.
     #[inline(always)]
     fn load<const N: usize>(&self, index: &[u32; N]) -> [[f32; N]; 4] {
         let (mut first, mut second) = ([0_u32; N], [0_u32; N]);
@@ -61,7 +63,7 @@ impl Quads for [[u16; 4]] {
         }
         let mut out = [[0.0; N]; 4];
         for k in 0..N {
-            // Through signed integers: there is no SIMD conversion of others.
+            // Through signed integers: there is no SIMD conversion of unsigned ones.
             out[0][k] = (first[k] & 0xffff) as i32 as f32;
             out[1][k] = (first[k] >> 16) as i32 as f32;
             out[2][k] = (second[k] & 0xffff) as i32 as f32;
@@ -88,21 +90,21 @@ impl<W: Vectorized> WithSimd for Op<W> {
     }
 }
 
-/// An instruction set that this processor has.
+/// An instruction set of this processor.
 #[derive(Clone, Copy)]
 struct InstructionSet {
     name: &'static str,
     arch: Arch,
 }
 
-/// The set that all work is dispatched to, and what is wrong with [`VARIABLE`]: the best set is taken then.
+/// The set that work is dispatched to, and the error in [`VARIABLE`], if any: the best set is used then.
 static CHOSEN: LazyLock<(InstructionSet, Option<String>)> =
     LazyLock::new(|| match choose(std::env::var_os(VARIABLE).as_deref()) {
         Ok(set) => (set, None),
         Err(reason) => (available()[0], Some(reason)),
     });
 
-/// The instruction sets that this processor has, the best first.
+/// The instruction sets of this processor, the best first.
 fn available() -> Vec<InstructionSet> {
     let mut found = Vec::new();
     #[cfg(target_arch = "x86_64")]
@@ -116,7 +118,7 @@ fn available() -> Vec<InstructionSet> {
     found
 }
 
-/// The set called `wanted`, or the best one; the error is what is wrong with [`VARIABLE`].
+/// Returns the set called `wanted`, or the best one; the error describes what is wrong with [`VARIABLE`].
 fn choose(wanted: Option<&OsStr>) -> std::result::Result<InstructionSet, String> {
     let found = available();
     let Some(wanted) = wanted else { return Ok(found[0]) };
@@ -129,8 +131,8 @@ fn choose(wanted: Option<&OsStr>) -> std::result::Result<InstructionSet, String>
 /// The name of the instruction set that work is dispatched to; see [`VARIABLE`].
 ///
 /// # Errors
-/// [`Error::Argument`] if [`VARIABLE`] names a set that is unknown, or that this processor does not have. Programs call this before
-/// anything else: [`dispatch`] cannot report the error and takes the best set.
+/// [`Error::Argument`] if [`VARIABLE`] names a set that is unknown or that this processor lacks.
+/// Programs should call this first: [`dispatch`] cannot report the error and uses the best set.
 pub fn instruction_set() -> Result<&'static str> {
     match &*CHOSEN {
         (set, None) => Ok(set.name),
@@ -138,31 +140,31 @@ pub fn instruction_set() -> Result<&'static str> {
     }
 }
 
-/// Runs work with the best instructions that the processor has, or those that [`VARIABLE`] names.
+/// Runs work with the processor's best instruction set, or the one that [`VARIABLE`] names.
 pub fn dispatch(work: impl Vectorized) {
     CHOSEN.0.arch.dispatch(Op(work));
 }
 
-/// Runs work that is part of other work as a function of its own, compiled once for each instruction set.
+/// Runs part of other work as a separate function, compiled once per instruction set.
 #[inline(always)]
 pub fn call<S: Simd>(simd: S, work: impl Vectorized) {
     simd.vectorize(Op(work));
 }
 
-/// `a * b + c`, rounded once where the instruction set has an instruction for it, else twice.
+/// `a * b + c`, rounded once if the instruction set has a fused multiply-add, else twice.
 #[inline(always)]
 pub fn fused<S: Simd>(_simd: S, a: f32, b: f32, c: f32) -> f32 {
-    // Without the instruction, rounding once is a function call.
+    // Without the instruction, `mul_add` is a function call.
     if S::F32_LANES > 1 { a.mul_add(b, c) } else { a * b + c }
 }
 
-/// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; arguments beyond are moved there.
+/// `e^x` with a relative error below 2e-7 for `x` in `[-87, 88]`; other arguments are clamped.
 #[inline(always)]
 pub fn exp(x: f32) -> f32 {
     exp_to_88(if x > 88.0 { 88.0 } else { x })
 }
 
-/// [`exp`] of what is known to be at most 88.
+/// [`exp`] of arguments of at most 88.
 #[inline(always)]
 pub fn exp_to_88(x: f32) -> f32 {
     /// Adding it rounds to an integer, which is then in the low bits.
@@ -173,7 +175,7 @@ pub fn exp_to_88(x: f32) -> f32 {
     let shifted = x * std::f32::consts::LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = x - n * LN_2_HIGH - n * LN_2_LOW;
-    // Taylor's polynomial about 0 with the last coefficients moved for |r| <= ln 2 / 2 (Cephes, expf).
+    // Taylor polynomial about 0 with the last coefficients adjusted for |r| <= ln 2 / 2 (Cephes, expf).
     let p = 1.987_569_1e-4;
     let p = p * r + 1.398_199_9e-3;
     let p = p * r + 8.333_452e-3;
@@ -185,7 +187,8 @@ pub fn exp_to_88(x: f32) -> f32 {
     value * f32::from_bits(exponent)
 }
 
-/// `ln x` with an absolute error below 2e-7 (relative where |ln x| > 1) for normal positive `x`, NaN for what is not finite.
+/// `ln x` with an absolute error below 2e-7 (relative where |ln x| > 1) for normal positive `x`; NaN
+/// for `x` that is not finite.
 #[inline(always)]
 pub fn ln(x: f32) -> f32 {
     const SQRT_HALF_BITS: u32 = 0x3f35_04f3;
@@ -232,7 +235,7 @@ pub fn cos_sin_turns(turns: f32) -> (f32, f32) {
     const ROUND: f32 = 12_582_912.0;
     let shifted = 4.0 * turns + ROUND;
     let quadrant = shifted.to_bits();
-    // Within an eighth of a turn of the nearest quadrant; the difference is exact.
+    // Within 1/8 turn of the nearest quadrant; the difference is exact.
     let x = (turns - 0.25 * (shifted - ROUND)) * std::f32::consts::TAU;
     let square = x * x;
     // Cephes, sinf and cosf.
@@ -251,14 +254,15 @@ pub fn cos_sin_turns(turns: f32) -> (f32, f32) {
     (f32::from_bits(c.to_bits() ^ (cos_sign << 30)), f32::from_bits(s.to_bits() ^ (sin_sign << 30)))
 }
 
-/// The angle of the point `(x, y)` in whole turns, in `[-1/2, 1/2]`, with a relative error below 3e-7; 0 at the origin.
+/// The angle of the point `(x, y)` in whole turns, in `[-1/2, 1/2]`, with a relative error below 3e-7;
+/// 0 at the origin.
 #[inline(always)]
 pub fn atan2_turns(y: f32, x: f32) -> f32 {
     const TAN_OF_EIGHTH: f32 = 0.414_213_57;
     let (height, width) = (y.abs(), x.abs());
     let steep = height > width;
     let (small, large) = (if steep { width } else { height }, if steep { height } else { width });
-    // Beyond an eighth of a half turn, the angle against the diagonal.
+    // Beyond 22.5 degrees, use the angle to the diagonal.
     let beyond = small > TAN_OF_EIGHTH * large;
     let numerator = if beyond { small - large } else { small };
     let denominator = if beyond { small + large } else { large };

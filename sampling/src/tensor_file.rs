@@ -1,4 +1,4 @@
-//! Opening safetensors files: what all readers of them check before they look for their own fields.
+//! Opening safetensors files, with the checks that all their readers share.
 
 use std::{collections::HashSet, fmt};
 
@@ -8,15 +8,15 @@ use serde::{
     de::{IgnoredAny, MapAccess, Visitor},
 };
 
-/// The header and the tensors of a file's bytes; the error is a clause.
+/// Parses the header and the tensors of a file; the error is a clause.
 ///
-/// A key that the header has twice is refused: which of the two is meant differs between programs.
+/// Duplicate keys in the header are rejected: programs differ in which of the two they use.
 pub fn open(bytes: &[u8]) -> Result<(Metadata, SafeTensors<'_>), String> {
     if bytes.starts_with(b"version https://git-lfs") {
         return Err("is a Git LFS pointer; run `git lfs pull` to fetch the file".into());
     }
     let (length, metadata) = SafeTensors::read_metadata(bytes).map_err(|error| error.to_string())?;
-    // Eight bytes say how long the header is.
+    // The first eight bytes are the length of the header.
     if let Some(header) = bytes.get(8..8 + length) {
         serde_json::from_slice::<UniqueKeys>(header).map_err(|error| error.to_string())?;
     }
@@ -24,7 +24,7 @@ pub fn open(bytes: &[u8]) -> Result<(Metadata, SafeTensors<'_>), String> {
     Ok((metadata, tensors))
 }
 
-/// An object without a key twice, on its first level and in `__metadata__`.
+/// An object without duplicate keys, at its first level and in `__metadata__`.
 struct UniqueKeys;
 
 impl<'de> Deserialize<'de> for UniqueKeys {
@@ -60,7 +60,7 @@ impl<'de> Deserialize<'de> for UniqueKeys {
 mod tests {
     use super::*;
 
-    /// A file of a header and so many bytes.
+    /// A file with a header and `bytes` zero bytes.
     fn file(header: &str, bytes: usize) -> Vec<u8> {
         let header = header.as_bytes();
         [&(header.len() as u64).to_le_bytes()[..], header, &vec![0; bytes]].concat()
@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_that_come_twice_are_refused() {
+    fn duplicate_keys_are_rejected() {
         for header in [
             format!(r#"{{"a":{TENSOR},"a":{TENSOR}}}"#),
             format!(r#"{{"a":{TENSOR},"__metadata__":{{"headtail":"x","headtail":"y"}}}}"#),
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn pointers_of_git_lfs_are_called_so() {
+    fn git_lfs_pointers_are_reported() {
         assert!(open(b"version https://git-lfs.github.com/spec/v1\n").err().unwrap().contains("Git LFS"));
     }
 }

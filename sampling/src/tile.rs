@@ -1,4 +1,4 @@
-//! Shading points of a tile as columns, and the rows of them that are worked on.
+//! Shading points of a tile as columns, and selections of their rows.
 
 use glam::Vec3A;
 
@@ -8,13 +8,13 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Most points of a tile: rows are 16-bit numbers.
+/// Maximum number of points of a tile: rows are 16-bit numbers.
 pub const MAX_POINTS: usize = 1 << 15;
 
-/// A point to be shaded; all vectors are unit length, in world space, and point away from the surface.
+/// A point to shade; all vectors have unit length, are in world space, and point away from the surface.
 #[derive(Clone, Copy, Debug)]
 pub struct ShadingPoint {
-    /// Position in metres; that of a scene lies above its surface by the error of its position.
+    /// Position in metres; in a scene, offset from the surface by the position's rounding error.
     pub p: Vec3A,
     /// Geometric normal, on the side of `wo`.
     pub ng: Vec3A,
@@ -22,18 +22,18 @@ pub struct ShadingPoint {
     pub ns: Vec3A,
     /// Direction to the viewer.
     pub wo: Vec3A,
-    /// The surface's BRDF, textures looked up.
+    /// The surface's BRDF, with textures looked up.
     pub surface: Surface,
 }
 
 impl ShadingPoint {
-    /// Whether two points reflect the same: all but the position is equal.
+    /// Whether two points reflect alike: all but the positions are equal.
     pub fn is_same(&self, other: &Self) -> bool {
         (self.ng, self.ns, self.wo, self.surface) == (other.ng, other.ns, other.wo, other.surface)
     }
 }
 
-/// Many shading points, structure of arrays. Each has a key that tells it apart for random numbers (its pixel).
+/// Shading points as structure of arrays. Each has a key (its pixel) that selects its random numbers.
 #[derive(Clone, Debug, Default)]
 pub struct Tile {
     len: usize,
@@ -41,9 +41,9 @@ pub struct Tile {
     parameters: [Vec<Lanes>; MAX_PARAMETERS],
     brdf: Vec<u32>,
     keys: Vec<u32>,
-    /// Most parameters of the BRDFs that are there.
+    /// Largest number of parameters among the points' BRDFs.
     used: usize,
-    /// Whether all points have one BRDF.
+    /// Whether all points have the same BRDF.
     is_uniform: bool,
     brdfs: BrdfTable,
 }
@@ -58,7 +58,7 @@ const NS: usize = 2;
 const WO: usize = 3;
 
 impl Tile {
-    /// A tile of points, whose keys are their numbers, with the analytic BRDFs.
+    /// Makes a tile of points with the analytic BRDFs; keys are the points' indices.
     ///
     /// # Panics
     /// If there are more than [`MAX_POINTS`].
@@ -79,7 +79,7 @@ impl Tile {
         tile
     }
 
-    /// Removes all points; their BRDFs will be those of `brdfs`.
+    /// Removes all points, and sets the table of BRDFs for later ones.
     pub fn clear(&mut self, brdfs: &BrdfTable) {
         self.len = 0;
         self.used = 0;
@@ -108,7 +108,7 @@ impl Tile {
                 column[strip][lane] = number;
             }
         }
-        // Numbers that the BRDF does not have are not read.
+        // Parameters that the BRDF does not have are not read.
         let parameters = self.brdfs.get(point.surface.brdf).parameters();
         for (column, number) in self.parameters.iter_mut().zip(point.surface.parameters).take(parameters) {
             column[strip][lane] = number;
@@ -120,17 +120,17 @@ impl Tile {
         self.len += 1;
     }
 
-    /// How many points.
+    /// Number of points.
     pub fn len(&self) -> usize {
         self.len
     }
 
-    /// Whether there is no point.
+    /// Whether there are no points.
     pub fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// A point.
+    /// The point of a row.
     pub fn point(&self, row: usize) -> ShadingPoint {
         let (strip, lane) = (row / LANES, row % LANES);
         let vector = |which: usize| Vec3A::from_array(self.vectors[which].each_ref().map(|column| column[strip][lane]));
@@ -162,8 +162,8 @@ impl Tile {
     }
 }
 
-/// Some points of a tile in some order, without copies. Columns that belong to them (numbers drawn, pdfs, a sampler's state) have one
-/// place for each row of the list, in its order.
+/// A selection of a tile's points in some order, without copies. Columns that belong to it (random
+/// numbers, pdfs, a sampler's state) have one place per row of the selection, in its order.
 #[derive(Clone, Copy, Debug)]
 pub struct Rows<'a> {
     tile: &'a Tile,
@@ -171,17 +171,17 @@ pub struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// How many rows.
+    /// Number of rows.
     pub fn len(&self) -> usize {
         self.list.map_or(self.tile.len, <[u16]>::len)
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Strips of a column that belongs to these rows.
+    /// Number of strips of a column that belongs to these rows.
     pub fn strips(&self) -> usize {
         strips(self.len())
     }
@@ -208,7 +208,7 @@ impl<'a> Rows<'a> {
         self.tile.keys[self.row(place)]
     }
 
-    /// The rows at `places`, by their list `rows` in the tile, which is filled here.
+    /// Selects the rows at `places`; `rows` is overwritten with their rows in the tile.
     pub fn select<'b>(&self, places: &[u16], rows: &'b mut Vec<u16>) -> Rows<'b>
     where
         'a: 'b,
@@ -256,7 +256,8 @@ impl<'a> Rows<'a> {
         out
     }
 
-    /// `f_r max(0, n . wi)` per channel in 1/sr, for a direction of each row; zero where `wi` is below the geometric surface.
+    /// Evaluates `f_r max(0, n . wi)` per channel in 1/sr, for one direction per row; zero where `wi`
+    /// is below the geometric surface.
     pub fn brdf_cosine(&self, wi: [&[Lanes]; 3], mut out: [&mut [Lanes]; 3], arena: &Arena) {
         self.by_brdf(arena, |group| {
             let [x, y, z] = &mut out;
@@ -273,7 +274,7 @@ impl<'a> Rows<'a> {
         above_ground(self, wi, out);
     }
 
-    /// Draws directions by the BRDFs; pdf 0 is no sample.
+    /// Draws directions by BRDF sampling; pdf 0 means no sample.
     pub fn sample_brdf(&self, u: [&[Lanes]; 2], wi: [&mut [Lanes]; 3], pdf: &mut [Lanes], arena: &Arena) {
         let [x, y, z] = wi;
         self.by_brdf(arena, |group| match group.places {
@@ -288,7 +289,7 @@ impl<'a> Rows<'a> {
         });
     }
 
-    /// The solid-angle pdfs of [`Self::sample_brdf`].
+    /// Evaluates the solid-angle pdfs of [`Self::sample_brdf`].
     pub fn brdf_pdf(&self, wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         self.by_brdf(arena, |group| match group.places {
             None => group.brdf.pdf(&group.surfaces, wi, out),
@@ -301,7 +302,7 @@ impl<'a> Rows<'a> {
         });
     }
 
-    /// Trowbridge-Reitz widths of the narrowest lobes, 1 for diffuse surfaces.
+    /// Trowbridge-Reitz widths of the narrowest lobes; 1 for diffuse surfaces.
     pub fn alpha(&self, out: &mut [Lanes], arena: &Arena) {
         self.by_brdf(arena, |group| match group.places {
             None => group.brdf.alpha(&group.surfaces, out),
@@ -313,7 +314,7 @@ impl<'a> Rows<'a> {
         });
     }
 
-    /// What the BRDFs are like: columns of [`Brdf::latent`].
+    /// Columns of [`Brdf::latent`].
     pub fn latents(&self, mut out: [&mut [Lanes]; LATENTS], arena: &Arena) {
         self.by_brdf(arena, |group| {
             for (out, number) in out.iter_mut().zip(group.brdf.latent()) {
@@ -328,7 +329,7 @@ impl<'a> Rows<'a> {
         });
     }
 
-    /// What neural materials over surfaces are like at the points: features, the first tangent, and the handedness; zeros for other BRDFs.
+    /// Features, first tangent and handedness of neural materials at the points; zeros for other BRDFs.
     pub fn textures(&self, mut out: [&mut [Lanes]; OF_MATERIAL], arena: &Arena) {
         self.by_brdf(arena, |group| {
             let mut own = arena.columns::<OF_MATERIAL>(group.strips);
@@ -357,7 +358,7 @@ impl<'a> Rows<'a> {
         });
     }
 
-    /// Calls `work` for each BRDF that is there, with its points.
+    /// Calls `work` for each BRDF that occurs, with its points.
     pub(crate) fn by_brdf(&self, arena: &Arena, mut work: impl FnMut(Group<'_>)) {
         if self.is_empty() {
             return;
@@ -382,7 +383,7 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// The columns that BRDFs see: the tile's own, or gathered.
+    /// Calls `work` with the columns that BRDFs read: the tile's own, or gathered ones.
     fn with_surfaces(&self, arena: &Arena, work: impl FnOnce(Surfaces<'_>)) {
         let tile = self.tile;
         let own = |which: usize| tile.vectors[which].each_ref().map(|column| &column[..strips(tile.len)]);
@@ -401,7 +402,7 @@ impl<'a> Rows<'a> {
 }
 
 vectorized! {
-    /// Sets to zero what belongs to directions below the geometric surface.
+    /// Zeroes values for directions below the geometric surface.
     fn above_ground['a](_simd, rows: &'a Rows<'a>, wi: [&'a [Lanes]; 3], values: [&'a mut [Lanes]; 3]) {
         let [red, green, blue] = values;
         for strip in 0..rows.strips() {
@@ -424,7 +425,7 @@ vectorized! {
     }
 }
 
-/// Points of one BRDF.
+/// The points of one BRDF.
 pub(crate) struct Group<'a> {
     pub brdf: &'a dyn Brdf,
     /// Places among the rows; `None` for all.

@@ -1,6 +1,6 @@
-//! Where rendering time goes, by stage. Off unless asked for: reading the clock costs some 20 ns, a tenth of a short stage.
+//! Rendering time by stage. Off by default: reading the clock takes about 20 ns, 10 % of a short stage.
 //!
-//! The times are of all threads together, and of the whole process: one rendering at a time.
+//! Times are summed over all threads of the process, so only one rendering can be measured at a time.
 
 use std::{
     cell::Cell,
@@ -14,15 +14,15 @@ use std::{
 pub enum Stage {
     /// Camera rays (and those of further bounces): traversal, the hit's normals and textures.
     CameraRays,
-    /// Drawing directions: what is prepared for a point, the draw, the pdf of the draw.
+    /// Drawing directions: preparation for a point, the draw and its pdf.
     Sampling,
-    /// Pdfs of other samplers at a drawn direction: in mixtures, MIS and RIS.
+    /// Pdfs of other samplers at a drawn direction, in mixtures, MIS and RIS.
     Pdf,
     /// Shadow rays.
     ShadowRays,
     /// BRDF x cosine x light / pdf.
     Shading,
-    /// Telling samplers what was visible, for those that learn.
+    /// Visibility updates of samplers that learn.
     Learning,
 }
 
@@ -40,14 +40,14 @@ static ENABLED: AtomicBool = AtomicBool::new(false);
 static TOTALS: [AtomicU64; STAGES.len()] = [const { AtomicU64::new(0) }; STAGES.len()];
 
 thread_local! {
-    /// Nanoseconds that this thread has not yet added to the totals.
+    /// Nanoseconds of this thread not yet added to the totals.
     static OWN: Cell<[u64; STAGES.len()]> = const { Cell::new([0; STAGES.len()]) };
-    /// Nanoseconds of stages inside of the one that is under way.
+    /// Nanoseconds of stages nested in the current one.
     static INSIDE: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Does some work of a stage, with a look at the clock before and after if timings are on. The time of a stage inside of another counts for the
-/// inner one alone.
+/// Runs work of a stage, and measures it if timings are on. The time of a nested stage counts only for
+/// the inner one.
 pub fn timed<T>(stage: Stage, work: impl FnOnce() -> T) -> T {
     if !ENABLED.load(Relaxed) {
         return work();
@@ -63,7 +63,7 @@ pub fn timed<T>(stage: Stage, work: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Adds what this thread has measured to the totals.
+/// Adds this thread's times to the totals.
 pub fn flush() {
     if ENABLED.load(Relaxed) {
         let own = OWN.replace([0; STAGES.len()]);
@@ -77,12 +77,13 @@ pub fn flush() {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Timings {
     seconds: [f64; STAGES.len()],
-    /// Wall-clock seconds times threads: what is missing in the stages went to random numbers, the film and waiting.
+    /// Wall-clock seconds times threads. Time outside the stages is spent on random numbers, the film
+    /// and waiting.
     whole: f64,
 }
 
 impl Timings {
-    /// Measures from now on.
+    /// Starts measuring.
     pub fn start() {
         TOTALS.iter().for_each(|total| total.store(0, Relaxed));
         ENABLED.store(true, Relaxed);
@@ -117,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stages_are_measured_only_when_asked_for() {
+    fn stages_are_measured_only_when_enabled() {
         let work = || (0..1000).map(|i| f64::from(i).sqrt()).sum::<f64>();
         timed(Stage::Shading, work);
         Timings::start();

@@ -1,6 +1,8 @@
-//! Directions and pdfs of the samplers that need no file, for fixed random numbers: a change of them changes every picture.
+//! Directions and pdfs of the samplers that need no file, for fixed random numbers: any change of them
+//! changes every image.
 //!
-//! `values.csv` holds them. After a change that is meant, `HEADTAIL_PIN=1 cargo test -p headtail-sampling --test value_stability` writes it anew.
+//! `values.csv` stores them. After an intended change, `HEADTAIL_PIN=1 cargo test -p headtail-sampling --test
+//! value_stability` rewrites it.
 
 use std::{fmt::Write, fs, path::Path, sync::Arc};
 
@@ -14,11 +16,12 @@ use headtail_sampling::{
     tile::ShadingPoint,
 };
 
-/// Random numbers of each sampler and surface.
+/// Number of draws per sampler and surface.
 const DRAWS: usize = 6;
 
-/// A direction has errors of some 1e-7 from rounding and from the order of sums over the map's texels, which differ between instruction sets:
-/// up to 1e-5 after the division by the mass of a cell. Slopes of pdfs are up to ten per unit.
+/// Tolerances of directions and pdfs. Directions have errors of about 1e-7 from rounding and from the order
+/// of sums over the map's texels, which differ between instruction sets: up to 1e-5 after the division by the
+/// mass of a cell. Slopes of pdfs are up to 10 per unit.
 const TOLERANCES: [f32; 2] = [1e-4, 1e-3];
 
 /// One draw: sampler, surface and number, then the direction and its pdf.
@@ -48,7 +51,7 @@ fn rows() -> Vec<Row> {
 }
 
 #[test]
-fn directions_and_pdfs_are_what_they_were() {
+fn directions_and_pdfs_match_pinned_values() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/values.csv");
     let rows = rows();
     if std::env::var_os("HEADTAIL_PIN").is_some() {

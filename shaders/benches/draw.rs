@@ -1,7 +1,8 @@
 //! Directions in shaders: `cargo bench -p headtail-shaders --features device --bench draw`.
 //!
-//! An item is one call each of `headtail_sample`, `headtail_pdf` and `headtail_share`, with its query read from and its
-//! answer written to the device's memory. Points are everywhere, and neighbours have nothing in common: rays behave better.
+//! An item is one call each of `headtail_sample`, `headtail_pdf` and `headtail_share`, with its query read
+//! from and its answer written to device memory. Points are random, without coherence between neighbours:
+//! rays are faster.
 
 #[path = "../tests/draw/mod.rs"]
 mod draw;
@@ -22,7 +23,7 @@ use headtail_shaders::Shader;
 
 use draw::{Program, queries};
 
-/// Queries in one iteration: half of what one dispatch can have.
+/// Queries in one iteration: half of the maximum of one dispatch.
 const QUERIES: usize = 1 << 21;
 
 fn main() {
@@ -58,7 +59,7 @@ fn table(bencher: Bencher) {
     bench(bencher, &flat_exported(&exported.expect("a sampler")).expect("arrays"), false);
 }
 
-/// A head with 10,795 weights, two networks of two layers of 64 and K = 4.
+/// Measures a head with 10,795 weights, two networks of two layers of 64 and K = 4.
 #[divan::bench]
 fn head(bencher: Bencher) {
     let exported = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).expect("the head");

@@ -1,7 +1,7 @@
-//! headtail's samplers as shaders: WGSL, written once for each concept, and its translations by `naga`.
+//! headtail's samplers as shaders: WGSL, written once per concept, and translated by `naga`.
 //!
-//! A shader reads two storage buffers, `headtail_floats` and `headtail_integers`: the arrays of a sampler one after the other. Where each begins is a
-//! constant of the shader, and in the layout.
+//! A shader reads two storage buffers, `headtail_floats` and `headtail_integers`: the concatenated arrays of
+//! a sampler. Their offsets are constants of the shader, and in the layout.
 //!
 //! | file in `wgsl/` | concept |
 //! | --- | --- |
@@ -25,18 +25,18 @@ use naga::{
     valid::{Capabilities, ModuleInfo, ValidationFlags, Validator},
 };
 
-/// A language to translate to.
+/// A target language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// The WebGPU shading language, in which the shaders are written.
     Wgsl,
-    /// OpenGL 4.3's, as a compute shader.
+    /// GLSL for OpenGL 4.3, as a compute shader.
     Glsl,
-    /// Direct3D's, shader model 5.1.
+    /// HLSL for Direct3D, shader model 5.1.
     Hlsl,
-    /// Metal's 2.0.
+    /// Metal shading language 2.0.
     Msl,
-    /// Vulkan's binary form, version 1.3.
+    /// SPIR-V 1.3 for Vulkan.
     Spirv,
 }
 
@@ -44,7 +44,7 @@ impl Target {
     /// All targets.
     pub const ALL: [Self; 5] = [Self::Wgsl, Self::Glsl, Self::Hlsl, Self::Msl, Self::Spirv];
 
-    /// The name, and the extension of files.
+    /// Returns the name, and the extension of files.
     pub const fn name_and_extension(self) -> (&'static str, &'static str) {
         match self {
             Self::Wgsl => ("wgsl", "wgsl"),
@@ -56,16 +56,16 @@ impl Target {
     }
 }
 
-/// A sampler for a device.
+/// A sampler as a shader with its data.
 #[derive(Clone, Debug)]
 pub struct Shader {
-    /// WGSL.
+    /// The WGSL source.
     pub source: String,
-    /// What `headtail_floats` holds.
+    /// The content of `headtail_floats`.
     pub floats: Vec<f32>,
-    /// What `headtail_integers` holds.
+    /// The content of `headtail_integers`.
     pub integers: Vec<u32>,
-    /// JSON: for each array its buffer, where it begins (in numbers), and its shape.
+    /// JSON: for each array its buffer, its offset (in elements), and its shape.
     pub layout: String,
 }
 
@@ -85,11 +85,11 @@ const HEAD_OVER_PATCHES: &str = include_str!("../wgsl/head_over_patches.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
-    /// The shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`] and
+    /// Builds the shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`] and
     /// [`headtail_sampling::export::flat_exported`]).
     ///
     /// # Errors
-    /// The arrays are not those of a sampler, or hold more numbers than a device can address.
+    /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
     pub fn new(arrays: &[FlatArray]) -> Result<Self> {
         let (mut floats, mut integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
         let mut source = String::from(
@@ -97,7 +97,7 @@ impl Shader {
              @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n",
         );
         let mut constant = |name: &str, value: usize| {
-            // Writing to a text cannot fail.
+            // Writing to a string cannot fail.
             let _ = writeln!(source, "const HEADTAIL_{}: u32 = {value}u;", name.to_uppercase().replace('.', "_"));
         };
         for FlatArray { name, shape, numbers } in arrays {
@@ -119,10 +119,10 @@ impl Shader {
         Ok(Self { source, floats, integers, layout })
     }
 
-    /// The shader in a language; text is UTF-8.
+    /// Returns the shader in a language; text is UTF-8.
     ///
     /// # Errors
-    /// `naga` refuses the shader or cannot translate it.
+    /// If `naga` rejects the shader or cannot translate it.
     pub fn translate(&self, target: Target) -> Result<Vec<u8>> {
         let refused = |reason: String| Error::argument(format!("shader for {}", target.name_and_extension().0), reason);
         let module =
@@ -169,14 +169,14 @@ fn to_hlsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<Stri
     Ok(text)
 }
 
-/// Where the numbers begin that are appended.
+/// Appends numbers and returns their offset.
 fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     let start = all.len();
     all.extend_from_slice(numbers);
     start
 }
 
-/// The shaders of a tail and of the cells that it takes, and their sizes.
+/// Returns the shaders of a tail and of its cells, and defines their sizes.
 fn tail_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
     if let Ok(cells) = shape_of(arrays, "tail.cells") {
         constant("side", cells[0].isqrt());
@@ -196,7 +196,7 @@ fn tail_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -
     Ok(vec![CELLS, own])
 }
 
-/// The shaders of a density over Y, and their sizes.
+/// Returns the shaders of a density over Y, and defines their sizes.
 fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)) -> Result<Vec<&'static str>> {
     if let Ok(table) = shape_of(arrays, "table.along") {
         for (name, &count) in ["polar", "azimuth"].into_iter().zip(integers_of(arrays, "table.shape")?) {
@@ -219,8 +219,9 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
     })
 }
 
-/// The sizes of a head's networks, and how its numbers between layers lie in one list: what networks see (and two features behind it), two rows of
-/// hidden numbers that layers alternate between, logits. Layers write whole blocks of four.
+/// Returns the sizes of a head's networks, and the layout of its intermediate values in one list: network
+/// inputs (followed by two features), two rows of hidden values that layers alternate between, logits. Layers
+/// write whole blocks of four.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
     let &[condition, coupled, encoder, elevation, azimuth, share, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));

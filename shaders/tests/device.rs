@@ -1,7 +1,7 @@
-//! Shaders on a device (Mesa's software adapter where there is no other) draw what the native samplers draw.
+//! Shaders on a device (Mesa's software adapter if there is no other) match the native samplers.
 //!
-//! Points and densities agree to rounding, but where rounding puts a point on the other side of a border (of a patch, a cell of a table, a texel):
-//! there densities jump, and few points are near to borders.
+//! Points and densities agree to rounding, except where rounding moves a point across a border (of a patch, a
+//! cell of a table, a texel): there densities jump, but few points are near borders.
 
 mod draw;
 
@@ -29,19 +29,22 @@ use headtail_shaders::Shader;
 use draw::{Answer, Program, Query, queries};
 
 const COUNT: usize = 1 << 20;
-/// Points for heads, which software adapters take long for: all of them where `HEADTAIL_DEVICE_POINTS` is `all`.
+/// Returns the number of points for heads, which are slow on software adapters: all if
+/// `HEADTAIL_DEVICE_POINTS` is `all`.
 fn points_of_heads() -> usize {
     if std::env::var_os("HEADTAIL_DEVICE_POINTS").is_some_and(|points| points == "all") { COUNT } else { COUNT / 16 }
 }
-/// What results may differ by, relative to the pdf.
+/// Largest difference of results, relative to the pdf.
 const TOLERANCE: f32 = 1e-4;
-/// The share of points that may be apart by more.
+/// Largest fraction of points beyond the tolerance.
 const FAR: f64 = 5e-2;
-/// The share of those that may lie across a border, or have been rounded otherwise: the masses of patches are of fused multiply-adds in the native
-/// sampler, which a shader is not held to, and 3 of 1000 glossy points lie where the last digits of a mass matter as much.
+/// Largest fraction of points across a border or rounded differently: the native sampler computes masses of
+/// patches with fused multiply-adds, which shaders need not use, and at 0.3 % of glossy points the last
+/// digits of a mass matter as much.
 const ACROSS: f64 = 5e-3;
 
-/// Compares a shader with its native sampler; prints how far they are apart. The shares beside BRDF sampling are left to [`compare_shares`].
+/// Compares a shader with its native sampler and prints the differences. [`compare_shares`] compares the
+/// mixture weights.
 fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) -> Vec<Answer> {
     let (queries, alphas) = queries(count, glossy);
     let start = std::time::Instant::now();
@@ -58,7 +61,7 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
     batch::pdf(sampler, &at, &given, &mut of_given).unwrap();
     let spread = Spread::new(sampler, &at, &u, &given, (&wi, &pdf, &of_given));
-    // Beyond the tolerance, and beyond what rounding of the numbers given does to the native sampler besides.
+    // Beyond the tolerance, and additionally beyond the effect of input rounding on the native sampler.
     let (mut far, mut unexplained) = ([0_usize; 3], [0_usize; 3]);
     for (k, answer) in answers.iter().enumerate() {
         let apart = |axis: usize| (answer.wi[axis] - wi[k][axis]).abs();
@@ -82,7 +85,7 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     answers
 }
 
-/// Compares the shares beside BRDF sampling in answers with those that a native sampler asks for at the same points.
+/// Compares the mixture weights in answers with those of a native sampler at the same points.
 fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy: bool) {
     let (queries, alphas) = queries(answers.len(), glossy);
     let point = |(query, &alpha): (&Query, &f32)| {
@@ -91,8 +94,9 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
         ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }
     };
     let points: Vec<ShadingPoint> = queries.iter().zip(&alphas).map(point).collect();
-    // A share s follows the power 1.92 of the masses' unevenness: rounding that changes masses by the tolerance changes it by 1.92 s (1 - s) times twice as much
-    // at most, and a little more where the light of small lights is divided out, by a division that may be 2.5 ULP wrong on a device.
+    // A mixture weight s follows the power 1.92 of the masses' unevenness: rounding that changes masses by
+    // the tolerance changes s by at most 1.92 s (1 - s) times twice as much, and slightly more where the
+    // light of small lights is divided out, by a division that may be off by 2.5 ULP on a device.
     let (mut far, mut farthest) = (0, 0.0_f32);
     for (points, answers) in points.chunks(1024).zip(answers.chunks(1024)) {
         let (tile, arena) = (Tile::of(points), Arena::default());
@@ -108,8 +112,9 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
     assert!((far as f64) < FAR * answers.len() as f64 && farthest < 10.0 * TOLERANCE, "{name}: {far}, {farthest}");
 }
 
-/// How much directions, their pdfs and pdfs of given directions change, in the measure of the test, where the numbers given move by a few of the last
-/// digits. A density over Y changes by |d ln q / dy| times the rounding of y, which in a narrow bin of a spline is more than the tolerance.
+/// Changes of directions, their pdfs and pdfs of given directions, in the measure of the test, if the inputs
+/// change in their last digits. A density over Y changes by |d ln q / dy| times the rounding of y, which in a
+/// narrow bin of a spline exceeds the tolerance.
 struct Spread([Vec<f32>; 3]);
 
 impl Spread {
@@ -120,7 +125,7 @@ impl Spread {
         given: &[[f32; 3]],
         (wi, pdf, of_given): (&[[f32; 3]], &[f32], &[f32]),
     ) -> Self {
-        /// Eight times the spacing of numbers below 1.
+        /// Eight times the spacing of floats below 1.
         const STEP: f32 = 4.8e-7;
         let count = u.len();
         let mut spread = [(); 3].map(|()| vec![0.0_f32; count]);
@@ -152,7 +157,7 @@ impl Spread {
 }
 
 #[test]
-fn shaders_draw_what_the_native_samplers_draw() {
+fn shaders_match_the_native_samplers() {
     println!("adapter: {}", draw::adapter().expect("a device: install mesa-vulkan-drivers").get_info().name);
     let map = Arc::new(Environment::open("studio").unwrap());
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
@@ -176,7 +181,7 @@ fn shaders_draw_what_the_native_samplers_draw() {
     compare("table", &shader, &native, COUNT, false);
 }
 
-/// Layers of random weights between sizes, of such a size that numbers neither grow nor shrink much on their way.
+/// Returns layers of random weights between sizes, scaled so that activations neither grow nor shrink much.
 fn layers(sizes: &[usize], random: &mut Stream) -> Vec<Linear> {
     let mut layer = |pair: &[usize]| {
         let [inputs, outputs] = [pair[0], pair[1]];
@@ -189,7 +194,7 @@ fn layers(sizes: &[usize], random: &mut Stream) -> Vec<Linear> {
     sizes.windows(2).map(&mut layer).collect()
 }
 
-/// A head of random weights.
+/// Returns a head of random weights.
 fn head(condition: Condition, mode: Mode, encoder: &[usize], hidden: &[usize], bins: [usize; 2]) -> Head {
     let mut random = Stream::new(17, Purpose::Test, hidden.len() as u64);
     let encoder = [&[condition.length()], encoder].concat();
@@ -205,7 +210,7 @@ fn head(condition: Condition, mode: Mode, encoder: &[usize], hidden: &[usize], b
 }
 
 #[test]
-fn shaders_of_heads_draw_what_the_native_heads_draw() {
+fn shaders_of_heads_match_the_native_heads() {
     let read = |name: &str| ExportedSampler::read(Path::new(name)).unwrap();
     let studio = Arc::new(Environment::open("studio").unwrap());
     let trained = read("../checkpoints/studio-head.safetensors");
@@ -248,7 +253,7 @@ fn shaders_of_heads_draw_what_the_native_heads_draw() {
     }
 }
 
-/// A smooth warp that gathers points around one, as under a lamp.
+/// Returns a smooth warp that concentrates points around one, as under a lamp.
 fn gathered(cells: usize) -> WarpMap {
     let node = |k: usize| {
         let (u, v) = ((k % cells) as f32 / cells as f32, (k / cells) as f32 / cells as f32);
@@ -261,7 +266,7 @@ fn gathered(cells: usize) -> WarpMap {
 }
 
 #[test]
-fn shaders_over_other_tails_draw_what_the_native_samplers_draw() {
+fn shaders_over_other_tails_match_the_native_samplers() {
     let map = Arc::new(Environment::open("sunset").unwrap());
     let (width, height, luminance) = (map.width(), map.height(), map.luminance());
     let tails = [

@@ -1,4 +1,4 @@
-//! Every shader is valid, and has a translation to every language.
+//! All shaders are valid and have translations to all languages.
 
 use std::{env, fs, path::Path, process::Command};
 
@@ -45,11 +45,11 @@ fn every_shader_is_translated_to_every_language() {
 }
 
 #[test]
-fn arrays_that_are_no_sampler_are_refused() {
+fn arrays_that_are_not_a_sampler_are_rejected() {
     assert!(Shader::new(&[]).unwrap_err().to_string().contains("tail.nodes"));
 }
 
-/// What a program that checks shaders says of every translation, where it is installed.
+/// Checks every translation with a validator, if it is installed.
 fn check_by(program: &str, target: Target) {
     if Command::new(program).arg("--version").output().is_err() {
         println!("{program} is not installed");
@@ -65,21 +65,22 @@ fn check_by(program: &str, target: Target) {
     }
 }
 
-/// OpenGL's own compiler takes the translations, where it is installed.
+/// glslang accepts the translations, if it is installed.
 #[test]
-fn translations_are_taken_by_glslang() {
+fn glslang_accepts_translations() {
     check_by("glslangValidator", Target::Glsl);
 }
 
-/// Vulkan's own validator takes the translations, where it is installed.
+/// Vulkan's validator accepts the translations, if it is installed.
 #[test]
-fn translations_are_taken_by_spirv_val() {
+fn spirv_val_accepts_translations() {
     check_by("spirv-val", Target::Spirv);
 }
 
-/// DirectX's own compiler takes the translations, and refuses what is none, where `HEADTAIL_DXC` names its library.
+/// DirectX's compiler accepts the translations and rejects an invalid shader, if `HEADTAIL_DXC` names its
+/// library.
 #[test]
-fn translations_are_taken_by_dxc() {
+fn dxc_accepts_translations() {
     let Some(library) = env::var_os("HEADTAIL_DXC") else {
         println!("HEADTAIL_DXC does not name a libdxcompiler.so");
         return;

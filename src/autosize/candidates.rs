@@ -1,27 +1,27 @@
-//! Samplers that could be chosen, from cheap to dear.
+//! Candidate samplers, in order of increasing cost.
 
 use headtail_render::{
     scene::MaterialSpec,
     spec::{Combiner, SamplerSpec, Visibility},
 };
 
-/// How a sampler comes about.
+/// How a sampler is prepared.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Recipe {
-    /// By its SPEC alone.
+    /// No preparation: a SPEC.
     Plain(&'static str),
-    /// A table of the product for diffuse surfaces: normals, cells.
+    /// A table of the product for diffuse surfaces; grids of normals and cells.
     Direct((usize, usize), (usize, usize)),
-    /// A head: settings of its run, and for how many steps it is trained.
+    /// A head: settings of its run, and number of training steps.
     Head(&'static HeadShape, usize),
     /// The table of such a head.
     Baked(&'static HeadShape, usize),
-    /// Another way to draw from another candidate's file.
+    /// Another SPEC that uses the file of another candidate.
     Form(SamplerSpec, Box<Recipe>),
 }
 
 impl Recipe {
-    /// What has to be there first.
+    /// Returns the recipe that must be prepared first.
     pub fn base(&self) -> Option<Self> {
         match self {
             Self::Baked(shape, steps) => Some(Self::Head(shape, *steps)),
@@ -30,29 +30,30 @@ impl Recipe {
         }
     }
 
-    /// Whether it is a head or its table.
+    /// Whether the sampler is a head or its table.
     pub fn is_of_head(&self) -> bool {
         matches!(self, Self::Head(..) | Self::Baked(..))
     }
 
-    /// Whether there is work before the first sample that a file keeps.
+    /// Whether there is preparation whose result a file holds.
     pub fn is_prepared(&self) -> bool {
         !matches!(self, Self::Plain(_))
     }
 }
 
-/// A head's name and what its run sets.
+/// Name and settings of a head.
 #[derive(Debug, PartialEq)]
 pub struct HeadShape {
-    /// A short name.
+    /// Short name.
     pub name: &'static str,
     /// Settings over the fast preset, in TOML.
     pub settings: &'static str,
-    /// The shape that this one varies in one thing, with about its time per sample; it is tried where that one gets on.
+    /// The shape of which this one is a variant, with about the same time per sample; it is tried if that one
+    /// advances.
     pub varies: Option<&'static str>,
-    /// Whether its tail is fitted first.
+    /// Whether its tail is a flow, which is fitted first.
     pub is_flow: bool,
-    /// Whether it is trained over patches of sky, which on diffuse surfaces leave nothing to learn.
+    /// Whether it is trained over patches of sky, which are exact on diffuse surfaces.
     pub over_patches: bool,
 }
 
@@ -66,17 +67,17 @@ impl HeadShape {
     }
 }
 
-/// Something to be measured.
+/// A sampler to be measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
-    /// What it is called.
+    /// Name.
     pub name: String,
-    /// How it comes about.
+    /// Preparation.
     pub recipe: Recipe,
 }
 
-/// Heads that are tried, from cheap to dear: one over patches, sizes and modes over the tail, then
-/// encoders, tails, and without learned share.
+/// Heads in order of increasing cost: one over patches, sizes and modes over the tail, then encoders, tails,
+/// and one without a learned mixture weight.
 pub static HEADS: [HeadShape; 11] = [
     HeadShape { over_patches: true, ..HeadShape::base("head+patches 4x16", "preset = 'over-patches'") },
     HeadShape::base("head 4x16", "head.bins = 4\nhead.hidden = 16"),
@@ -106,10 +107,10 @@ pub static HEADS: [HeadShape; 11] = [
     },
 ];
 
-/// Steps that a head is trained for, from cheap to dear.
+/// Numbers of training steps, in increasing order.
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
-/// Samplers that need no file, on every surface.
+/// Samplers without a file, for all surfaces.
 const PLAIN: [&str; 18] = [
     "cosine",
     "emitter",
@@ -131,16 +132,16 @@ const PLAIN: [&str; 18] = [
     "split:4:patches+vis",
 ];
 
-/// Tables of several sizes.
+/// Sizes of tables.
 const TABLES: [((usize, usize), (usize, usize)); 4] =
     [((8, 16), (8, 8)), ((16, 32), (16, 16)), ((16, 32), (32, 32)), ((32, 64), (32, 32))];
 
-/// Everything that is ready at once, from cheap to dear.
+/// Returns the samplers that need no preparation, in order of increasing cost.
 pub fn plain() -> Vec<Candidate> {
     PLAIN.iter().map(|spec| Candidate { name: (*spec).to_owned(), recipe: Recipe::Plain(spec) }).collect()
 }
 
-/// Tables for diffuse surfaces, from cheap to dear.
+/// Returns tables for diffuse surfaces, in order of increasing cost.
 pub fn tables() -> Vec<Candidate> {
     let table = |&(normals, cells): &((usize, usize), (usize, usize))| Candidate {
         name: format!("direct {}x{} of {}x{}", normals.0, normals.1, cells.0, cells.1),
@@ -149,7 +150,7 @@ pub fn tables() -> Vec<Candidate> {
     TABLES.iter().map(table).collect()
 }
 
-/// A head, trained for so many steps.
+/// Returns a head, trained for `steps` steps.
 pub fn head(shape: &'static HeadShape, steps: usize) -> Candidate {
     Candidate { name: format!("{}, {steps} steps", shape.name), recipe: Recipe::Head(shape, steps) }
 }
@@ -159,8 +160,9 @@ pub fn baked(shape: &'static HeadShape, steps: usize) -> Candidate {
     Candidate { name: format!("bake of {}, {steps} steps", shape.name), recipe: Recipe::Baked(shape, steps) }
 }
 
-/// The other ways to draw from the file of a candidate: several directions, visibility where the source takes it, both. None for candidates without a
-/// file, and for these forms themselves.
+/// Returns other samplers that use the file of a candidate: with several directions, with visibility where
+/// the source supports it, and with both. Empty for candidates without a file, and for these samplers
+/// themselves.
 pub fn forms(name: &str, recipe: &Recipe, spec: &SamplerSpec) -> Vec<Candidate> {
     if !spec.has_pdf() || spec.path().is_none() {
         return Vec::new();
@@ -178,20 +180,21 @@ pub fn forms(name: &str, recipe: &Recipe, spec: &SamplerSpec) -> Vec<Candidate> 
     forms.into_iter().filter_map(candidate).collect()
 }
 
-/// Directions from each surface point, where there are several: more do not pay.
+/// Directions per surface point of samplers with several; more do not pay.
 const DIRECTIONS: u32 = 4;
 
-/// Whether a sampler draws one direction from each surface point.
+/// Whether a sampler draws one direction per surface point.
 pub fn draws_one(spec: &SamplerSpec) -> bool {
     !matches!(spec.combiner(), Combiner::Split(2..))
 }
 
-/// What heads are trained for.
+/// Material that heads are trained for.
 #[derive(Clone, Debug)]
 pub struct HeadMaterial(pub MaterialSpec);
 
 impl HeadMaterial {
-    /// For a scene of one analytic or measured material, that one; for others, diffuse or a range of widths.
+    /// Returns the material of a scene with one analytic or measured material; for others, diffuse or a range
+    /// of widths.
     pub fn of(material: Option<&MaterialSpec>, diffuse: bool) -> Self {
         Self(match material {
             Some(MaterialSpec::Ggx { alpha, .. }) => MaterialSpec::ggx(alpha.low, alpha.high),
@@ -208,21 +211,21 @@ mod tests {
     use super::*;
 
     #[test]
-    fn everything_that_is_ready_at_once_is_a_spec() {
+    fn plain_candidate_names_are_specs() {
         for Candidate { name, .. } in plain() {
             assert_eq!(name.parse::<SamplerSpec>().unwrap().to_string(), name);
         }
     }
 
     #[test]
-    fn files_are_drawn_from_in_several_forms() {
+    fn forms_use_the_file_of_their_base() {
         let texts = |text: &str| -> Vec<String> {
             let recipe = Recipe::Direct((8, 16), (8, 8));
             let forms = forms("table", &recipe, &text.parse().unwrap());
             let text = |form: Candidate| {
                 assert_eq!(form.recipe.base().as_ref(), Some(&recipe));
                 let Recipe::Form(spec, _) = form.recipe else { panic!("{}", form.name) };
-                // Its text names the same sampler.
+                // The text names the same sampler.
                 assert_eq!(spec.to_string().parse::<SamplerSpec>().unwrap(), spec);
                 spec.to_string()
             };

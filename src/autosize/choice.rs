@@ -1,35 +1,35 @@
-//! Who is chosen, by what every candidate is worth and costs.
+//! Choice of a sampler by score and cost.
 
 use super::score::mean;
 
-/// Within this factor of the winner, the cheapest is named.
+/// The cheapest candidate within this factor of the winner is also chosen.
 const NEAR: f64 = 1.05;
 
-/// Who was chosen.
+/// The chosen candidates.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Choice {
-    /// Index of the one with the least error.
+    /// Index of the candidate with the lowest error.
     pub winner: usize,
-    /// Index of the cheapest within 5 % of it.
+    /// Index of the cheapest candidate within 5 % of it.
     pub cheapest: usize,
 }
 
-/// What the choice knows of a candidate.
+/// Summary of a candidate.
 pub struct Standing {
-    /// Error of each picture, as it would be once the time is up.
+    /// Expected error of each picture at the end of the time.
     pub scores: Vec<f64>,
     /// Whether it was ready in time.
     pub is_allowed: bool,
-    /// Whether it was not dropped.
+    /// Whether it is still in the contest.
     pub is_in: bool,
-    /// Whether there is work before its first sample.
+    /// Whether it needs preparation.
     pub is_prepared: bool,
-    /// Of its file.
+    /// Size of its file.
     pub bytes: u64,
 }
 
-/// The winner, and the cheapest within 5 % of it: without preparation, then with the smallest file, then in the order of the candidates. `None` if
-/// nothing could be measured.
+/// Returns the winner, and the cheapest candidate within 5 % of it: without preparation, then with the
+/// smallest file, then in order of the candidates. `None` if nothing could be measured.
 pub fn choose(standings: &[Standing]) -> Option<Choice> {
     let scores: Vec<f64> = standings.iter().map(|standing| mean(&standing.scores)).collect();
     let winner = least((0..standings.len()).filter(|&index| standings[index].is_in), |index| scores[index])?;
@@ -39,7 +39,7 @@ pub fn choose(standings: &[Standing]) -> Option<Choice> {
     Some(Choice { winner, cheapest: cheapest.unwrap_or(winner) })
 }
 
-/// The one with the least score; `None` where no score is finite.
+/// Returns the index with the lowest score; `None` if no score is finite.
 pub fn least(among: impl Iterator<Item = usize>, score: impl Fn(usize) -> f64) -> Option<usize> {
     let scored = among.map(|index| (index, score(index))).filter(|(_, score)| score.is_finite());
     scored.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index)
@@ -49,7 +49,8 @@ pub fn least(among: impl Iterator<Item = usize>, score: impl Fn(usize) -> f64) -
 mod tests {
     use super::{super::score::at_time, *};
 
-    /// A candidate with this error after a second of rendering, within a minute in all, that takes so long to be prepared and has so large a file.
+    /// A candidate with this error after 1 s of rendering, in a time of 60 s; `prepared` are seconds, `bytes`
+    /// the size of its file.
     fn standing(error: f64, prepared: f64, bytes: u64) -> Standing {
         let scores = [0.99, 1.0, 1.01].map(|factor| at_time(factor * error, 1.0, prepared, 60.0)).into();
         Standing { scores, is_allowed: prepared <= 30.0, is_in: prepared <= 30.0, is_prepared: bytes > 0, bytes }
@@ -61,13 +62,13 @@ mod tests {
     }
 
     #[test]
-    fn a_sampler_that_is_ready_at_once_wins_where_no_preparation_pays() {
-        // The head has 0.8 times the error, and a third of the time is gone once it is trained.
+    fn plain_sampler_wins_if_no_preparation_pays() {
+        // The head has 0.8 times the error, but its training takes 1/3 of the time.
         assert_eq!(chosen(&[standing(2.0, 0.0, 0), standing(1.0, 0.0, 0), standing(0.8, 20.0, 9000)]), (1, 1));
     }
 
     #[test]
-    fn a_table_or_a_head_wins_that_earns_its_preparation() {
+    fn table_or_head_wins_if_its_preparation_pays() {
         let (mis, table, head) = (standing(1.0, 0.0, 0), standing(0.7, 3.0, 50_000), standing(0.4, 20.0, 9000));
         assert_eq!(chosen(&[mis, table, head]), (2, 2));
         let (mis, table, late) = (standing(1.0, 0.0, 0), standing(0.7, 3.0, 50_000), standing(0.1, 31.0, 9000));
@@ -75,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cheapest_is_within_a_twentieth() {
+    fn cheapest_is_within_5_percent() {
         let near = [standing(1.04, 0.0, 0), standing(1.0, 0.0, 0), standing(0.99, 0.1, 9000)];
         assert_eq!(chosen(&near), (2, 0), "the first of those without a file");
         assert_eq!(chosen(&[standing(1.06, 0.0, 0), standing(1.0, 0.1, 9000)]), (1, 1), "too far");
@@ -86,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_chosen_of_nothing() {
+    fn no_choice_without_measurements() {
         let unmeasured = Standing { scores: Vec::new(), ..standing(1.0, 0.0, 0) };
         assert_eq!(choose(&[unmeasured]), None);
         assert_eq!(choose(&[]), None);

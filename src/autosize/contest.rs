@@ -1,4 +1,4 @@
-//! The contest: who is measured how well, who is dropped, and who is trained at all.
+//! The contest: measures candidates, drops those that are behind, and decides what is prepared.
 
 use std::{
     path::PathBuf,
@@ -30,11 +30,11 @@ use crate::{
     terminal::{detail, note},
 };
 
-/// A candidate that was made ready and measured.
+/// A candidate that was prepared and measured.
 pub struct Entry {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// How it came about.
+    /// Preparation.
     pub recipe: Recipe,
     pub(super) ready: Ready,
     /// Trial pictures.
@@ -45,7 +45,7 @@ pub struct Entry {
     is_allowed: bool,
 }
 
-/// Everything around the candidates.
+/// The contest and its settings.
 pub struct Contest<'a> {
     pub(super) arguments: &'a Arguments,
     pub(super) view: &'a ViewArguments,
@@ -54,35 +54,35 @@ pub struct Contest<'a> {
     covered: Vec<bool>,
     pub(super) baseline: TimingBaseline,
     pub(super) stages: Stages,
-    /// Those that were measured.
+    /// Candidates that were measured.
     pub entries: Vec<Entry>,
-    /// Why heads were not trained, if they were not.
+    /// Why heads were not trained; `None` if they were.
     pub(super) untrained: Option<String>,
-    /// Heads whose training came to nothing, and why, in a sentence.
+    /// Heads whose training failed, each with a sentence that says why.
     pub left_out: Vec<(Recipe, String)>,
 }
 
-/// Samples per pixel of every trial picture: a power of two, which is what low-discrepancy points are best at. With as many as fit into some time, errors would
-/// depend on what else the machine does.
+/// Samples per pixel of every trial picture: a power of two, for which low-discrepancy points are best. A
+/// number that fits into a time would make errors depend on other load on the machine.
 const SAMPLES: u32 = 16;
-/// Trial pictures in each round.
+/// Trial pictures after each round.
 const ROUNDS: [usize; 5] = [2, 4, 8, 16, 32];
-/// Rounds before it is decided who is prepared: of those that are ready at once, and of tables.
+/// Rounds before candidates with preparation are chosen: for those without preparation, and for tables.
 const FIRST_ROUNDS: usize = 2;
 const SECOND_ROUNDS: usize = 3;
-/// By how much the errors of tables of neighbouring sizes differ at most.
+/// Largest factor between the errors of tables of neighbouring sizes.
 const TABLES_DIFFER: f64 = 8.0;
-/// How many times longer the next table takes to be prepared, at least.
+/// Minimum factor between the preparation times of a table and the next one.
 const TABLES_GROW: f64 = 2.0;
-/// What the next table must gain on the one before for a further one to be tried.
+/// A further table is tried only if the error fell at least by this factor.
 const TABLES_GAIN: f64 = 0.9;
-/// It is decided when nobody can be better than the best by more than this factor.
+/// The contest is decided when no candidate can be better than the best by more than this factor.
 const ENOUGH: f64 = 1.08;
-/// What other ways to draw from a file gain at most.
+/// Largest gain of other samplers over the same file.
 const FORMS_GAIN: f64 = 3.0;
 
 impl<'a> Contest<'a> {
-    /// Before the first candidate.
+    /// Returns a contest without candidates.
     pub fn new(
         arguments: &'a Arguments,
         view: &'a ViewArguments,
@@ -99,17 +99,17 @@ impl<'a> Contest<'a> {
         Ok(Self { arguments, view, opened, material, covered, baseline, stages, entries, untrained, left_out })
     }
 
-    /// Measures everything as far as it takes to decide.
+    /// Measures all candidates until the choice is clear.
     ///
     /// # Errors
-    /// If a candidate cannot be made ready.
+    /// If a candidate cannot be prepared.
     pub fn run(&mut self, stop: &AtomicBool) -> Result<()> {
         self.begin(Stage::Plain);
         for candidate in plain() {
             self.enter(candidate, stop)?;
         }
         self.rounds(FIRST_ROUNDS, stop);
-        // What further sources are measured against may have been dropped for one with several directions.
+        // The baseline for further sources may have been dropped in favour of one with several directions.
         self.best_of_one().into_iter().for_each(|index| self.measure(index));
         self.begin(Stage::Product);
         let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
@@ -134,7 +134,7 @@ impl<'a> Contest<'a> {
         self.stages.begin(stage, left);
     }
 
-    /// Makes tables ready, from small to large, as long as a perfect one of the next size would win.
+    /// Prepares tables in order of size, as long as a perfect one of the next size would win.
     fn tabulate(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
         let mut before = f64::INFINITY;
         let candidates = tables();
@@ -161,7 +161,7 @@ impl<'a> Contest<'a> {
         Ok(())
     }
 
-    /// The other ways to draw from the best file of a kind, unless it is so far behind that none can win.
+    /// Adds the other samplers over the best file of a kind, unless it is so far behind that none can win.
     fn add_forms(&mut self, is_of_kind: impl Fn(&Recipe) -> bool, stop: &AtomicBool) -> Result<()> {
         let Some(index) = self.least_of(|entry| entry.is_allowed && is_of_kind(&entry.recipe)) else { return Ok(()) };
         if stop.load(atomic::Ordering::Relaxed) || self.is_hopeless(index, FORMS_GAIN) {
@@ -171,23 +171,25 @@ impl<'a> Contest<'a> {
         forms(name, recipe, &ready.spec).into_iter().try_for_each(|form| self.enter(form, stop).map(|_| ()))
     }
 
-    /// The first pictures of a candidate.
+    /// Renders the first pictures of a candidate.
     pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
         let pictures = ROUNDS[FIRST_ROUNDS - 1];
         entry.measurement.extend(self.opened, &*entry.ready.estimator, Some(&self.baseline), pictures, &self.covered);
     }
 
-    /// Whether a candidate is so far behind those of one direction that others of its family, which differ by no more than this factor, need not be tried.
+    /// Whether a candidate is so far behind those of one direction that others of its family, whose errors
+    /// differ by at most the factor `differ`, need not be tried.
     fn is_hopeless(&self, index: usize, differ: f64) -> bool {
         let Some(best) = self.best_of_one() else { return false };
         !self.arguments.exhaustive && mean(&self.scores(index)) > differ * mean(&self.scores(best))
     }
 
-    /// Makes a candidate ready. `None` for a head whose training comes to nothing under this map: it is left out, and said to be.
+    /// Prepares a candidate. `None` for a head whose training fails under this map, which is skipped with a
+    /// note.
     ///
     /// # Errors
-    /// If something else fails.
+    /// If anything else fails.
     pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<Option<usize>> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
@@ -202,7 +204,7 @@ impl<'a> Contest<'a> {
             ready => ready.with_context(|| candidate.name.clone())?,
         };
         let Candidate { name, recipe } = candidate;
-        // A table of a head takes the training, too, and a form all that its file took.
+        // The table of a head also needs its training, and a form everything that its file needed.
         ready.prepared += self.base(&recipe).map_or(0.0, |base| base.ready.prepared);
         let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
         let measurement = IndependentRuns::new(SAMPLES);
@@ -210,12 +212,13 @@ impl<'a> Contest<'a> {
         Ok(Some(self.entries.len() - 1))
     }
 
-    /// Rounds of more and more pictures; after each, those that are out are dropped. Ends early once nobody can be much better than the best.
+    /// Renders rounds of increasing numbers of pictures; drops candidates that are behind after each. Ends
+    /// early once none can be much better than the best.
     fn rounds(&mut self, count: usize, stop: &AtomicBool) {
         let mut done = 0;
         let all = ROUNDS[count - 1] as f64;
         for &pictures in &ROUNDS[..count] {
-            // One picture of each in turn: a machine that slows down for a while slows all down.
+            // One picture of each in turn, so that a temporary slowdown of the machine affects all.
             for picture in done..pictures {
                 self.stages.within(picture as f64 / all);
                 for entry in self.entries.iter_mut().filter(|entry| entry.is_in) {
@@ -241,7 +244,8 @@ impl<'a> Contest<'a> {
         }
     }
 
-    /// Whether every candidate has its first pictures, and none that is left can be better than the best by more than [`ENOUGH`].
+    /// Whether all remaining candidates are measured and none can be better than the best by more than
+    /// [`ENOUGH`].
     fn is_decided(&self) -> bool {
         let Some(best) = self.best() else { return false };
         let leader = self.scores(best);
@@ -259,28 +263,28 @@ impl<'a> Contest<'a> {
         }
     }
 
-    /// The error of each picture, as it would be once the time is up.
+    /// Returns the expected error of each picture at the end of the time.
     pub fn scores(&self, index: usize) -> Vec<f64> {
         let entry = &self.entries[index];
         let seconds = self.baseline.sample_seconds * f64::from(entry.measurement.samples);
         let (prepared, total) = (entry.ready.prepared, self.arguments.render_seconds);
-        // With the time of its own, so that intervals hold for times too.
+        // Each error is paired with its own time, so that intervals include the variation of times.
         let pictures = entry.measurement.errors().into_iter().zip(entry.measurement.time_ratios());
         pictures.map(|(error, ratio)| at_time(error, ratio * seconds, prepared, total)).collect()
     }
 
-    /// Seconds of a sample of every pixel.
+    /// Returns the seconds of one sample per pixel.
     pub fn sample_seconds(&self, measurement: &IndependentRuns) -> f64 {
         measurement.time_ratio() * self.baseline.sample_seconds
     }
 
-    /// Index of the entry with the least error.
+    /// Returns the index of the entry with the lowest error.
     pub fn best(&self) -> Option<usize> {
         self.least_of(|entry| entry.is_in)
     }
 
-    /// The best of those that draw one direction, dropped or not. Several directions gain about as much with every sampler, so that it is among these that
-    /// a further source has to win.
+    /// Returns the best entry that draws one direction, dropped or not. Several directions gain about equally
+    /// much with every sampler, so a further source must win against these.
     pub(super) fn best_of_one(&self) -> Option<usize> {
         self.least_of(|entry| entry.is_allowed && draws_one(&entry.ready.spec))
     }
@@ -289,7 +293,7 @@ impl<'a> Contest<'a> {
         least((0..self.entries.len()).filter(|&index| is(&self.entries[index])), |index| mean(&self.scores(index)))
     }
 
-    /// The winner, and the cheapest within 5 % of it.
+    /// Returns the winner, and the cheapest candidate within 5 % of it.
     ///
     /// # Errors
     /// If nothing could be measured.
@@ -305,19 +309,19 @@ impl<'a> Contest<'a> {
         choose(&standings).context("no candidate could be measured")
     }
 
-    /// The first pictures of a sampler that takes no part.
+    /// Renders the first pictures of a sampler outside the contest.
     pub fn trial(&self, estimator: &dyn Estimator) -> IndependentRuns {
         let mut measurement = IndependentRuns::new(SAMPLES);
         measurement.extend(self.opened, estimator, Some(&self.baseline), ROUNDS[0], &self.covered);
         measurement
     }
 
-    /// The score of an entry over the winner's, over paired pictures.
+    /// Returns the score of an entry relative to the winner's, over paired pictures.
     pub fn behind(&self, index: usize, winner: usize) -> Option<RatioInterval> {
         ratio(&self.scores(index), &self.scores(winner))
     }
 
-    /// Where a chosen sampler lies: its file, or the text that names it.
+    /// Returns the path of a chosen sampler: its file, or the text that names it.
     pub fn place(&self, role: &str, entry: &Entry) -> PathBuf {
         match entry.ready.spec.path() {
             Some(_) => self.arguments.out.join(format!("{role}.safetensors")),
@@ -325,7 +329,7 @@ impl<'a> Contest<'a> {
         }
     }
 
-    /// Writes what `--sampler` takes, and copies the file.
+    /// Writes the SPEC for `--sampler`, and copies the file.
     pub fn write_choice(&self, role: &str, entry: &Entry) -> Result<()> {
         let spec = &entry.ready.spec;
         let mut text = spec.to_string();
@@ -338,29 +342,29 @@ impl<'a> Contest<'a> {
         Ok(file::replace(&self.arguments.out.join(role), (text + "\n").as_bytes())?)
     }
 
-    /// Why no head was trained further.
+    /// Returns the reason why no head was trained further.
     pub fn why_not(&self) -> String {
         self.untrained.clone().unwrap_or_else(|| "trained heads and tables were measured, and are behind".into())
     }
 
-    /// The entry that a recipe begins with.
+    /// Returns the entry that a recipe is based on.
     pub fn base(&self, recipe: &Recipe) -> Option<&Entry> {
         let base = recipe.base()?;
         self.entries.iter().find(|entry| entry.recipe == base)
     }
 
-    /// What a chosen entry took to be prepared, and its file's bytes.
+    /// Returns the preparation of an entry in seconds, and its file's bytes.
     pub fn cost(&self, index: usize) -> (f64, u64) {
         (self.entries[index].ready.prepared, self.entries[index].ready.bytes)
     }
 
-    /// As `--sampler` takes it.
+    /// Returns the SPEC for `--sampler`.
     pub fn spec(&self, index: usize) -> String {
         self.entries[index].ready.spec.to_string()
     }
 }
 
-/// Whether it is the training that came to nothing, and not a file or a setting that is wrong.
+/// Whether an error means that the training failed, rather than that a file or a setting is wrong.
 fn comes_to_nothing(error: &anyhow::Error) -> bool {
     use headtail_train::Error::{Diverged, NoTable};
     matches!(error.downcast_ref(), Some(Diverged { .. } | NoTable { .. }))

@@ -1,4 +1,4 @@
-//! Making a candidate ready: files, and the time that it takes.
+//! Preparation of candidates: files, and the time that they take.
 
 use std::{path::Path, sync::atomic::AtomicBool, time::Instant};
 
@@ -19,19 +19,19 @@ use crate::{
     run::{self, RunTable, Surroundings},
 };
 
-/// A sampler that can render.
+/// A sampler that is ready to render.
 pub struct Ready {
-    /// As `--sampler` takes it.
+    /// SPEC for `--sampler`.
     pub spec: SamplerSpec,
-    /// It.
+    /// Estimator of the SPEC.
     pub estimator: Box<dyn Estimator>,
-    /// Seconds until the first sample: training, tables.
+    /// Seconds before the first sample: training, tables.
     pub prepared: f64,
     /// Bytes of its file; 0 without one.
     pub bytes: u64,
 }
 
-/// Makes a candidate ready; its file, if there is one, goes to `folder`.
+/// Prepares a candidate; its file, if there is one, is written to `folder`.
 ///
 /// # Errors
 /// If it cannot be trained, baked, written or opened.
@@ -72,7 +72,7 @@ pub fn ready(
     Ok(Ready { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })
 }
 
-/// An untrained head, which says how long its samples take.
+/// Returns an untrained head, for timing its samples.
 ///
 /// # Errors
 /// As [`ready`].
@@ -91,7 +91,7 @@ pub fn untrained(
     Ok(Ready { spec, estimator, prepared: start.elapsed().as_secs_f64(), bytes: 0 })
 }
 
-/// Trains a head of these settings over the fast preset.
+/// Trains a head with these settings over the fast preset.
 fn trained(
     settings: &str,
     steps: usize,
@@ -118,7 +118,7 @@ fn trained(
     finished.sampler.context("a head without a file")
 }
 
-/// A name for files.
+/// Converts a name for use in a file name.
 fn file_stem(name: &str) -> String {
     name.chars().filter(|c| *c != ',').map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect()
 }

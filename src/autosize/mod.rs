@@ -3,7 +3,7 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `candidates.rs`, `lineup.rs` | candidate samplers, and preparing one |
-//! | `contest.rs`, `stages.rs` | who is measured how well; progress |
+//! | `contest.rs`, `stages.rs` | measuring and dropping candidates; progress |
 //! | `training.rs` | which heads are trained, and how far |
 //! | `score.rs`, `choice.rs` | error at the end of the time; the choice |
 //! | `page.rs` | `autosize.html` |
@@ -43,13 +43,15 @@ of the best of them also forms that draw several directions or learn what is vis
 A head is only trained if one that were perfect, at the time that its samples take, would win. DIR/autosize.html shows the choice; \
 DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
 pub struct Arguments {
-    /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
+    /// Built-in environment (overcast, window, studio, sunset) or map.
+    /// Maps are Radiance .hdr or OpenEXR files.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     env: String,
-    /// A built-in scene or a glTF 2.0 file.
+    /// Built-in scene or glTF 2.0 file.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     scene: String,
-    /// Give every surface one material, as `render` does. Default: the scene's materials.
+    /// Give every surface one material, as `render` does.
+    /// Default: the scene's materials.
     #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
     /// Put a grey diffuse plane under the scene.
@@ -58,19 +60,22 @@ pub struct Arguments {
     /// Width of the trial pictures in pixels.
     #[arg(long, default_value_t = 96, value_parser = clap::value_parser!(u32).range(8..=4096))]
     width: u32,
-    /// Their height.
+    /// Height of the trial pictures in pixels.
     #[arg(long, default_value_t = 72, value_parser = clap::value_parser!(u32).range(8..=4096))]
     height: u32,
-    /// What a sampler may take to be prepared.
+    /// Maximum time to prepare a sampler.
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0)]
     prepare_seconds: f64,
-    /// What preparation and rendering may take together: the error after this time counts.
+    /// Time for preparation and rendering together.
+    /// The error after this time counts.
     #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
     render_seconds: f64,
-    /// Measure every candidate to the end and drop none, to see what the short way costs.
+    /// Measure every candidate to the end and drop none.
+    /// Shows the cost of the usual shortcuts.
     #[arg(long)]
     exhaustive: bool,
-    /// Print the figures of all candidates as an array of JSON objects, the best first.
+    /// Print the figures of all candidates as an array of JSON objects.
+    /// The best comes first.
     #[arg(long)]
     json: bool,
     /// Folder for the results.
@@ -78,7 +83,7 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-/// Chooses, writes, and says what was chosen.
+/// Runs the contest, writes its results and reports the choice.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let start = Instant::now();
     if arguments.json {

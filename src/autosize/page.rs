@@ -21,28 +21,28 @@ use crate::report::{
 /// The figures of a candidate.
 #[derive(Serialize)]
 pub struct Record {
-    /// Its name.
+    /// Name.
     name: String,
-    /// As `--sampler` takes it.
+    /// SPEC for `--sampler`.
     sampler: String,
-    /// The candidate that its file is of, or that its file was made of.
+    /// The candidate whose file it uses, or from which its file was made.
     base: Option<String>,
     /// Seconds of preparation.
     prepared_seconds: f64,
-    /// Of its file.
+    /// Size of its file.
     bytes: u64,
-    /// Seconds of a sample of every pixel.
+    /// Seconds of one sample per pixel.
     sample_seconds: f64,
-    /// Trial pictures.
+    /// Number of trial pictures.
     pictures: usize,
     /// Mean squared error of a trial picture times its samples per pixel.
     error_of_sample: f64,
-    /// The same with its interval over pictures.
+    /// `error_of_sample` with its interval over pictures.
     #[serde(skip)]
     error: Extent,
-    /// Error once the time is up over the winner's.
+    /// Error at the end of the time, relative to the winner's.
     behind: Option<f64>,
-    /// Its 95 % interval in words.
+    /// 95 % interval of `behind`, as text.
     interval: String,
     /// Whether it was measured to the end.
     finalist: bool,
@@ -50,7 +50,7 @@ pub struct Record {
     cheapest: bool,
 }
 
-/// Writes every figure and the page of a contest that took so many seconds, and returns the figures.
+/// Writes all figures and the page of a contest that took `seconds`, and returns the figures.
 pub fn write(contest: &Contest<'_>, choice: &Choice, seconds: f64) -> Result<Vec<Record>> {
     let records = records(contest, choice);
     let folder = &contest.arguments.out;
@@ -63,7 +63,7 @@ pub fn write(contest: &Contest<'_>, choice: &Choice, seconds: f64) -> Result<Vec
     Ok(records)
 }
 
-/// The figures of all candidates, the winner first.
+/// Returns the figures of all candidates, the winner first.
 fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     let record = |(index, entry): (usize, &super::contest::Entry)| {
         let errors = entry.measurement.errors();
@@ -94,7 +94,8 @@ fn records(contest: &Contest<'_>, choice: &Choice) -> Vec<Record> {
     records
 }
 
-/// The page; times are those for preparation and rendering, and what the choice took; notes are sentences on candidates that were left out.
+/// Returns the page; times are those for preparation, for rendering and of the contest; notes are sentences
+/// on candidates that were skipped.
 fn page(
     title: &str,
     (prepare, render, took): (f64, f64, f64),
@@ -197,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn the_chart_has_the_front_and_the_choice_on_it() {
+    fn chart_shows_the_front_and_the_choice() {
         let mut records =
             vec![record("table", 2.0, 0.5, 900), record("mis", 1.0, 2.0, 0), record("ris:4", 3.0, 3.0, 0)];
         (records[0].winner, records[1].cheapest) = (true, true);

@@ -1,4 +1,4 @@
-//! How far a contest is: its stages, each with about the share of the time that it takes.
+//! Progress of a contest: its stages, and the approximate fraction of time that each takes.
 
 use crate::progress::{Bar, SHARES, bar};
 
@@ -7,11 +7,11 @@ use crate::progress::{Bar, SHARES, bar};
 pub enum Stage {
     /// First pictures of samplers without a file.
     Plain,
-    /// What an exact product would have.
+    /// The exact product, as a bound.
     Product,
     /// Tables.
     Tables,
-    /// More pictures of all that are left.
+    /// Further pictures of all remaining candidates.
     Beside,
     /// Heads.
     Heads,
@@ -19,7 +19,8 @@ pub enum Stage {
     Last,
 }
 
-/// Each stage with the part of the whole time at which it ends. How long a contest takes depends on who stays in it, so that these are rough.
+/// Stages with the fraction of the whole time at which they end. Approximate: the time depends on which
+/// candidates remain.
 const ENDS: [(Stage, f64); 6] = [
     (Stage::Plain, 0.2),
     (Stage::Product, 0.35),
@@ -29,26 +30,26 @@ const ENDS: [(Stage, f64); 6] = [
     (Stage::Last, 1.0),
 ];
 
-/// A bar over the stages.
+/// A progress bar over the stages.
 pub struct Stages {
     bar: Bar,
     stage: Stage,
 }
 
 impl Stages {
-    /// Before the first one.
+    /// Returns a bar before the first stage.
     pub fn new() -> Self {
         Self { bar: bar(SHARES, "autosize"), stage: Stage::Plain }
     }
 
-    /// A stage begins, with so many candidates in the contest.
+    /// Begins a stage with the number of remaining candidates.
     pub fn begin(&mut self, stage: Stage, candidates: usize) {
         self.stage = stage;
         self.bar.set_message(format!("{}; candidates left: {candidates}", self.stage.name()));
         self.within(0.0);
     }
 
-    /// So much of the stage is done, between 0 and 1.
+    /// Shows the fraction of the stage that is done, in [0, 1].
     pub fn within(&self, share: f64) {
         self.bar.shares()(self.stage.part(share));
     }
@@ -61,7 +62,7 @@ impl Drop for Stages {
 }
 
 impl Stage {
-    /// In words.
+    /// Returns the name of the stage.
     pub fn name(self) -> &'static str {
         match self {
             Self::Plain => "samplers without a file",
@@ -73,7 +74,7 @@ impl Stage {
         }
     }
 
-    /// The part of the whole time that is over when so much of this stage is.
+    /// Converts a fraction of this stage to a fraction of the whole time.
     fn part(self, share: f64) -> f64 {
         let mut begin = 0.0;
         for (stage, end) in ENDS {
@@ -91,7 +92,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn stages_follow_each_other_and_fill_the_whole() {
+    fn stages_are_contiguous_and_cover_the_whole() {
         let mut before = 0.0;
         for (stage, end) in ENDS {
             assert_eq!(stage.part(0.0), before, "{stage:?}");

@@ -1,4 +1,5 @@
-//! Which heads are trained, and how far: those that would win if they were perfect, the likeliest half of them further.
+//! Chooses which heads are trained, and for how long: those that would win if they were perfect; the best
+//! half of them for longer.
 
 use std::sync::atomic::{self, AtomicBool};
 
@@ -17,17 +18,18 @@ use crate::{
     terminal::detail,
 };
 
-/// About so many steps of a head cost as much as the fit of a flow tail.
+/// Steps of a head that take about as long as the fit of a flow tail.
 const FLOW_STEPS: f64 = 1500.0;
-/// What the error of a picture gains at most by four times as many steps of a head: shadows bound it, and 1.2 times was seen.
+/// Largest gain in the error of a picture from 4x as many steps of a head: shadows bound it, and a factor of
+/// 1.2 was measured.
 const LONGER_GAINS: f64 = 1.3;
-/// By how much MSE x time of heads of different shapes differ, about.
+/// Approximate factor between MSE x time of heads of different shapes.
 const SHAPES_DIFFER: f64 = 1.15;
-/// The error of the exact product is taken to be this much lower than it was measured to be on a few pixels.
+/// Factor by which the measured error of the exact product is reduced: it is measured on few pixels.
 const PERFECT_SLACK: f64 = 0.7;
 
 impl Contest<'_> {
-    /// Trains heads, shortest first, where a perfect one of their speed would win.
+    /// Trains heads, shortest first, if a perfect one of their speed would win.
     pub(super) fn train(&mut self, perfect: f64, stop: &AtomicBool) -> Result<()> {
         let is_first = |shape: &&HeadShape| self.fits(shape) && (self.arguments.exhaustive || shape.varies.is_none());
         let mut open: Vec<&'static HeadShape> = HEADS.iter().filter(is_first).collect();
@@ -42,7 +44,7 @@ impl Contest<'_> {
             let mut hopeful: Vec<usize> =
                 entered.iter().copied().filter(|&index| self.can_win(index, factor, perfect)).collect();
             hopeful.sort_by(|&a, &b| mean(&self.scores(a)).total_cmp(&mean(&self.scores(b))));
-            // Halving: half of the shapes go on.
+            // Successive halving: half of the shapes advance.
             if !self.arguments.exhaustive {
                 hopeful.truncate(hopeful.len().div_ceil(2));
             }
@@ -60,7 +62,7 @@ impl Contest<'_> {
                 break;
             }
             if rung == 0 && !self.arguments.exhaustive {
-                // What varies a shape that gets on is tried beside it from here on.
+                // Variants of an advancing shape are tried beside it from the second rung on.
                 let varied = HEADS.iter().filter(|shape| self.fits(shape)).filter(|shape| {
                     let base = hopeful.iter().find(|&&index| self.shape(index).map(|base| base.name) == shape.varies);
                     // A flow tail has to be fitted first.
@@ -73,12 +75,13 @@ impl Contest<'_> {
         Ok(())
     }
 
-    /// Whether a shape has something to learn on these surfaces.
+    /// Whether a shape can gain on these surfaces.
     fn fits(&self, shape: &HeadShape) -> bool {
         !shape.over_patches || !self.material.0.is_lambert()
     }
 
-    /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries. `None` where the rest need not be tried.
+    /// Trains these shapes for the steps of a rung, measures them and their tables, and returns the entries.
+    /// `None` if the rest need not be tried.
     fn train_for(
         &mut self,
         rung: usize,
@@ -102,7 +105,7 @@ impl Contest<'_> {
             let is_behind = |entry: &Entry| has_flow(&entry.recipe) && !entry.is_in;
             let is_left_out = || self.left_out.iter().any(|(recipe, _)| has_flow(recipe));
             if shape.is_flow && (self.entries.iter().any(is_behind) || is_left_out()) {
-                // The fit of the flow alone took too long, did not pay, or came to nothing.
+                // The fit of the flow alone took too long, did not pay, or failed.
                 continue;
             }
             if is_short && rung == 0 && self.is_too_slow(shape, perfect, stop)? {
@@ -110,7 +113,7 @@ impl Contest<'_> {
             }
             let Some(index) = self.enter(head(shape, steps), stop)? else { continue };
             entered.push(index);
-            // Of one that took too long, too: its score says what it is behind.
+            // Even if it took too long: its score is reported.
             self.measure(index);
             if is_short && rung == 0 && !self.can_gain(index, LONGER_GAINS * SHAPES_DIFFER, 1.0, perfect) {
                 self.untrained = Some(format!("a head of {steps} steps is so far behind that others were not trained"));
@@ -130,14 +133,15 @@ impl Contest<'_> {
         Ok(Some(entered))
     }
 
-    /// Whether a head of this shape would be behind even if it were perfect: its time per sample is that of an untrained one.
+    /// Whether a head of this shape would be behind even if it were perfect; its time per sample is that of
+    /// an untrained one.
     fn is_too_slow(&self, shape: &HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
         let ready = untrained(shape, &self.view.env, self.opened, &self.material, &self.arguments.out, stop)?;
         let measurement = self.trial(&*ready.estimator);
         Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared))
     }
 
-    /// The table of the head with the least error, if it would win with the head's error at the speed of other tables.
+    /// Bakes the head with the lowest error, if a table of its error at the speed of other tables would win.
     fn bake_best(&mut self, heads: &[usize], steps: usize, stop: &AtomicBool) -> Result<Option<usize>> {
         let error = |index: usize| mean(&self.entries[index].measurement.errors());
         let Some(&least) = heads.iter().min_by(|&&a, &&b| error(a).total_cmp(&error(b))) else { return Ok(None) };
@@ -151,15 +155,15 @@ impl Contest<'_> {
         self.enter(baked(shape, steps), stop)
     }
 
-    /// Whether a head could win after `factor` times as much preparation.
+    /// Whether a head could win after `factor` times its preparation.
     fn can_win(&self, index: usize, factor: f64, perfect: f64) -> bool {
         let prepared = factor * self.entries[index].ready.prepared;
         let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
         prepared < limit && self.can_gain(index, LONGER_GAINS, factor, perfect)
     }
 
-    /// Whether a head would win with an error this many times lower, or that of the exact product where that is more, after `factor` times as much
-    /// preparation.
+    /// Whether a head would win after `factor` times its preparation, with an error lower by the factor
+    /// `gain`, but at least that of the exact product.
     fn can_gain(&self, index: usize, gain: f64, factor: f64, perfect: f64) -> bool {
         let Some(best) = self.best_of_one() else { return true };
         let entry = &self.entries[index];
@@ -175,7 +179,8 @@ impl Contest<'_> {
         }
     }
 
-    /// Whether a sampler of one direction, of this speed and preparation would be behind even with the error of the exact product.
+    /// Whether a sampler of one direction with this time per sample and preparation would be behind even with
+    /// the error of the exact product.
     pub(super) fn is_out_of_reach(&self, sample_seconds: f64, perfect: f64, prepared: f64) -> bool {
         let Some(best) = self.best_of_one() else { return false };
         let measurement = &self.entries[best].measurement;
@@ -184,8 +189,9 @@ impl Contest<'_> {
         !self.arguments.exhaustive && least > mean(&self.scores(best))
     }
 
-    /// The error of the exact product over that of the best sampler of one direction so far, at equal samples and of few points: what is left to gain by a better
-    /// density. The exact product takes milliseconds for each sample, so it is asked on a small picture.
+    /// Returns the error of the exact product relative to that of the best sampler of one direction so far,
+    /// at equal samples: the possible gain of a better density. The exact product takes milliseconds per
+    /// sample, so a small picture is used.
     pub(super) fn perfect_share(&self) -> Result<f64> {
         const SIDE: u32 = 20;
         const PICTURES: usize = 2;

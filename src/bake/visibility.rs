@@ -1,4 +1,4 @@
-//! `headtail bake --visibility`: what is seen of the sky in a scene, learned before anything is rendered.
+//! `headtail bake --visibility`: precomputes the visibility of the sky in a scene.
 
 use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 
@@ -17,11 +17,11 @@ use crate::{
     terminal::say,
 };
 
-/// What `--visibility` needs.
+/// Arguments of `--visibility`.
 #[derive(Args)]
 #[command(next_help_heading = "For --visibility")]
 pub struct Arguments {
-    /// A built-in scene or a glTF 2.0 file.
+    /// Built-in scene or glTF 2.0 file.
     #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
     scene: Option<String>,
     #[command(flatten)]
@@ -29,22 +29,25 @@ pub struct Arguments {
     /// Put a grey diffuse plane under the scene.
     #[arg(long, requires = "visibility")]
     ground: bool,
-    /// Give every surface one material. What is learned holds for all materials, but it is learned where this one reflects light from.
+    /// Give every surface one material.
+    /// The visibility holds for all materials, but is sampled where this one reflects light from.
     #[arg(long, value_name = "SPEC", requires = "visibility", value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
-    /// Surfaces that light may visit on its way to the camera; what is learned at later ones helps paths and other viewpoints.
+    /// Maximum number of surfaces on a light path.
+    /// Visibility at later surfaces helps paths and other viewpoints.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1024))]
     depth: u32,
-    /// Samples per pixel to learn from.
+    /// Training samples per pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=1_048_576))]
     spp: u32,
     /// Seed of the samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Go on with what this file holds, perhaps from another viewpoint.
+    /// Continue from this file, possibly from another viewpoint.
     #[arg(long, value_name = "FILE", requires = "visibility")]
     resume: Option<PathBuf>,
-    /// Most that is learned, in MB of 2^20 bytes; cells grow where that is not enough.
+    /// Memory for visibility, in MB of 2^20 bytes.
+    /// Cells are larger where it is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
     visibility_memory: u32,
     /// Threads to render with. Default: all cores.
@@ -66,17 +69,17 @@ impl Arguments {
         })
     }
 
-    /// Learns under a map, and says how much.
+    /// Trains visibility under a map, and reports its size.
     pub fn bake(&self, env: &str) -> Result<SceneVisibility> {
         let start = Instant::now();
         let opened = self.view(env)?.open()?;
-        // A film of what is learned from stands for the picture.
+        // Training needs a film of the size of the picture.
         memory::require_pictures(opened.part().width, opened.part().height, 0)?;
         let map = &opened.environment;
         let estimator = LearnedVisibility::new(map.clone(), Detail::Leaves, opened.visibility_bytes())?;
         let resumed = |file| SceneVisibility::open(file, &opened.scene().geometry_hash(), map);
         let before = self.resume.as_ref().map(|file| resumed(file)).transpose()?;
-        // Other samples than those that the file was learned from, unless they are of another seed anyway.
+        // Samples differ from those of the resumed file, even with an equal seed.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
         let before_seconds = before.as_ref().map_or(Some(0.0), |before| before.seconds);
         let stop = progress::stop_flag()?;

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use headtail_render::{Error, path_text::path_of, spec::SamplerSpec};
 
-/// SPECs separated by commas. A comma may also be in the name of a file that is there.
+/// SPECs separated by commas. Names of existing files may also contain commas.
 #[derive(Clone, Debug)]
 pub struct SamplerList(pub Vec<SamplerSpec>);
 
@@ -15,7 +15,7 @@ impl FromStr for SamplerList {
         let parts: Vec<&str> = text.split(',').collect();
         let (mut specs, mut begin) = (Vec::new(), 0);
         while begin < parts.len() {
-            // The longest that names a file, else up to the next comma.
+            // The longest text that names a file, else up to the next comma.
             let joined = |end: usize| parts[begin..end].join(",");
             let is_file = |end: &usize| names_a_file(&joined(*end));
             let end = (begin + 2..=parts.len()).rev().find(is_file).unwrap_or(begin + 1);
@@ -26,7 +26,7 @@ impl FromStr for SamplerList {
     }
 }
 
-/// Whether what comes after one of the colons before the first comma is there.
+/// Whether the text after one of the colons before the first comma names an existing file.
 fn names_a_file(spec: &str) -> bool {
     let before = spec.find(',').unwrap_or(spec.len());
     spec[..before].match_indices(':').any(|(colon, _)| path_of(&spec[colon + 1..]).exists())
@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_files_may_hold_commas() {
+    fn file_names_may_contain_commas() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("a,b,mis").display().to_string();
         let list = |text: &str| -> Result<Vec<String>, Error> {

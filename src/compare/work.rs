@@ -1,4 +1,4 @@
-//! The runs of a comparison as files: what is written after each.
+//! Runs of a comparison as files, written after each run.
 
 use std::{
     cell::OnceCell,
@@ -21,24 +21,24 @@ use crate::{
     report::{Comparison, RenderedImage, Report, State},
 };
 
-/// A comparison at work.
+/// A comparison in progress.
 pub struct Work<'a> {
     opened: &'a OpenedView,
     entries: &'a [Entry],
     stop: &'a AtomicBool,
     output: &'a OutputFolder,
-    /// Parts of file names, one for each entry.
+    /// Parts of file names, one per entry.
     stems: Vec<String>,
     noise: Option<Noise>,
-    /// How the reference came about, without its noise.
+    /// Description of the reference, without its noise.
     reference_note: String,
     report: Report,
-    /// What is done so far.
+    /// Results so far.
     pub comparison: Comparison,
 }
 
 impl<'a> Work<'a> {
-    /// Prepares the runs of `comparison`, which has none yet; results go to `output`.
+    /// Prepares the runs of `comparison`, which has none yet; results are written to `output`.
     ///
     /// # Errors
     /// If the folder's record cannot be written.
@@ -61,10 +61,10 @@ impl<'a> Work<'a> {
         Ok(Self { opened, entries, stop, output, stems, noise, reference_note, report, comparison })
     }
 
-    /// Does all runs, or those that are done when the stop flag is set.
+    /// Performs all runs, or those completed before the stop flag is set.
     ///
     /// # Errors
-    /// If results cannot be written; those of the runs before stay.
+    /// If results cannot be written; those of earlier runs remain.
     pub fn run_all(&mut self, reference: &mut Reference, plan: &Plan) -> Result<()> {
         let (opened, entries, stop) = (self.opened, self.entries, self.stop);
         let (watch, samples) = (Bars::default(), reference.samples);
@@ -82,7 +82,7 @@ impl<'a> Work<'a> {
         Ok(())
     }
 
-    /// Writes the files for good.
+    /// Writes the final files.
     ///
     /// # Errors
     /// If there are no runs, or a file cannot be written.
@@ -92,14 +92,14 @@ impl<'a> Work<'a> {
         self.report.finish(&self.comparison)
     }
 
-    /// Brings what is said of the reference up to date.
+    /// Updates the description of the reference.
     fn say_noise(&mut self) {
         if let Some(noise) = self.noise {
             self.comparison.reference_note = format!("{} {}", self.reference_note, words(noise, &self.comparison.rows));
         }
     }
 
-    /// Adds a run: its row in the table, and the picture of the first one.
+    /// Adds a run: its row in the table, and the picture if it is the first.
     fn add(&mut self, run: &Run<'_>) -> Result<()> {
         let Run { sampler, measurement, rendering, .. } = *run;
         self.comparison.rows.push(measurement.clone());
@@ -119,7 +119,8 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The sentences that stand beside a comparison: the noise of the reference, and which rows it limits, since less than it is left of their errors.
+/// Describes the noise of the reference, and names the samplers and budgets whose mean error is smaller than
+/// it.
 fn words(noise: Noise, rows: &[Measurement]) -> String {
     let mut groups: Vec<(&str, &str, f64, usize)> = Vec::new();
     for row in rows {
@@ -144,7 +145,7 @@ fn words(noise: Noise, rows: &[Measurement]) -> String {
     }
 }
 
-/// The progress bar of a measurement.
+/// Progress bar of a measurement.
 #[derive(Default)]
 struct Bars(OnceCell<progress::Bar>);
 
@@ -172,8 +173,8 @@ impl Watch for Bars {
     }
 }
 
-/// Squared error of each pixel and channel over the squared reference (plus the same small number as in relMSE); black where
-/// nothing is measured.
+/// Squared error of each pixel and channel, relative to the squared reference (plus the same epsilon as in
+/// relMSE); black outside the measured pixels.
 fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
     let error = |((x, r), covered): ((&[f32; 3], &[f32; 3]), &bool)| {
         let of = |c: usize| (x[c] - r[c]).powi(2) / (r[c] * r[c] + RELATIVE_EPSILON as f32);
@@ -182,11 +183,11 @@ fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
     Image { pixels: image.pixels.iter().zip(&reference.pixels).zip(covered).map(error).collect(), ..*image }
 }
 
-/// Longer names are cut: file systems allow 255 bytes, of which budget and extension take some.
+/// Longer names are cut: file systems allow 255 bytes, some of which budget and extension need.
 const LONGEST_NAME: usize = 120;
 
-/// Samplers as parts of file names, different ones for different samplers: their labels, in which a file is named by its folder and itself. Those that
-/// would be alike, also for a file system that ignores case, or that are cut get a hash of the label.
+/// Returns distinct parts of file names for samplers: their labels, in which a file is named by its folder
+/// and its stem. Labels that are cut, or equal up to case, get a hash.
 fn file_names(samplers: &[(&str, Option<&Path>)]) -> Vec<String> {
     let plain: Vec<String> = samplers.iter().map(|(label, file)| plain_name(label, *file)).collect();
     let is_unique = |name: &str| plain.iter().filter(|other| other.eq_ignore_ascii_case(name)).count() == 1;
@@ -200,7 +201,7 @@ fn file_names(samplers: &[(&str, Option<&Path>)]) -> Vec<String> {
     plain.iter().zip(samplers).map(with_hash).collect()
 }
 
-/// A label in letters, digits, `-` and `_`.
+/// Returns a label in letters, digits, `-` and `_`.
 fn plain_name(label: &str, file: Option<&Path>) -> String {
     let short = file.map(|file| {
         let stem = file.with_extension("");
@@ -233,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn no_two_samplers_share_a_name() {
+    fn samplers_have_distinct_file_names() {
         let [a, b, c] = ["x/t/A.safetensors", "y/t/a.safetensors", "y/t/a.other"].map(Path::new);
         let labels: Vec<(String, Option<&Path>)> = [a, b, c]
             .iter()

@@ -29,7 +29,9 @@ use crate::{
 };
 pub use setting::Setting;
 
-/// Put a virtual object into a photograph, with the shadow that it casts and the light that it throws back, in one pass.
+/// Put a virtual object into a photograph.
+/// Renders the object, the shadow that it casts and the light that it reflects onto its surroundings in one
+/// pass.
 #[derive(Args, Clone)]
 #[command(after_help = "Examples:
   headtail view --env room.hdr --out out/room.exr
@@ -41,10 +43,11 @@ DIR holds composite.png, composite.exr, layers.exr (layers object with alpha, sh
 object + (1 - object.A) (photograph x shadow + light)), mask.png, and composite.html with before and after under a slider. \
 Ctrl-C writes what there is.")]
 pub struct Arguments {
-    /// The photograph: OpenEXR or Radiance in the map's units, or PNG or JPEG. Default: the one in the .fspy file.
+    /// Photograph. Default: the one in the .fspy file.
+    /// OpenEXR or Radiance in the map's units, or PNG or JPEG.
     #[arg(long, value_name = "FILE", required_unless_present = "camera")]
     pub photo: Option<PathBuf>,
-    /// The photograph's camera, an fSpy project.
+    /// Camera of the photograph, an fSpy project.
     #[arg(long, value_name = "FILE.fspy", conflicts_with = "look_from", required_unless_present = "look_from")]
     pub camera: Option<PathBuf>,
     /// The axis of the fSpy project that points up.
@@ -59,64 +62,73 @@ pub struct Arguments {
     /// Vertical field of view in degrees, with --look-from.
     #[arg(long, value_name = "DEGREES", default_value_t = 40.0, conflicts_with = "camera")]
     pub fov: f32,
-    /// The light: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr map.
+    /// Light: a built-in environment or a .hdr or .exr map.
+    /// Built-in: overcast, window, studio, sunset.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub env: String,
     #[command(flatten)]
     pub map: MapArguments,
     #[command(flatten)]
     pub light: LightArguments,
-    /// The object: a built-in scene or a glTF 2.0 file (.glb, .gltf).
+    /// Object: a built-in scene or a glTF 2.0 file (.glb, .gltf).
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     pub scene: String,
-    /// Give the object one material: lambert[:albedo=A], ggx:alpha=A, ggx:alpha=LOW..HIGH.
+    /// Give the object one material.
+    /// lambert[:albedo=A], ggx:alpha=A or ggx:alpha=LOW..HIGH.
     #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
     pub material: Option<MaterialSpec>,
-    /// Where the middle of the object's underside is put, Y up.
+    /// Position of the centre of the object's underside, Y up.
     #[arg(long = "move", value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
     pub place: Triple,
-    /// Make the object so many times as large.
+    /// Scale the object by a factor.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub scale: f32,
-    /// Make the object's longest edge so long, in the unit of the camera.
+    /// Scale the object to this length of its longest edge.
+    /// In the unit of the camera.
     #[arg(long, value_name = "LENGTH", conflicts_with = "scale")]
     pub size: Option<f32>,
-    /// Turn the object around the vertical, counter-clockwise from above.
+    /// Turn the object around the vertical axis.
+    /// Counter-clockwise from above.
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_hyphen_values = true)]
     pub turn: f32,
-    /// What catches the shadow: plane, or the name of a mesh of the scene.
+    /// Shadow catcher: plane, or the name of a mesh of the scene.
     #[arg(long, value_name = "plane|MESH", default_value = "plane")]
     pub catcher: String,
-    /// A point of the plane.
+    /// Point on the plane.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", allow_hyphen_values = true)]
     pub plane_at: Triple,
-    /// The plane's normal.
+    /// Normal of the plane.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     pub plane_normal: Triple,
-    /// Sampler of directions: any that render knows. Here, auto is patches.
+    /// Sampler of directions, as in render. Here, auto is patches.
     #[arg(long, value_name = "SPEC", default_value = "auto", value_parser = given::<SamplerSpec>())]
     pub sampler: SamplerSpec,
-    /// How the mask is estimated: control-variate (unbiased but where a --catcher shadows itself), weights (the same, noisier), ratio (bias of the order of
-    /// 1 / spp) or paper (the mean visibility, right where the sampler is the exact product).
+    /// Estimator of the mask: control-variate, weights, ratio or paper.
+    /// control-variate: unbiased, except where a --catcher shadows itself; weights: the same, noisier; ratio:
+    /// bias of the order of 1 / spp; paper: the mean visibility, correct if the sampler is the exact product.
     #[arg(long, value_name = "FORM", default_value = "control-variate")]
     pub mask: MaskForm,
-    /// One mask for all channels, of luminance. Shadows under a blue sky and a warm sun are coloured.
+    /// Use one luminance mask for all channels.
+    /// Shadows under a blue sky and a warm sun are coloured.
     #[arg(long)]
     pub grey_mask: bool,
-    /// Surfaces that light may visit on its way to the camera. From 2 on, the object throws light back onto the catcher, and reflects it.
+    /// Maximum number of surfaces on a light path.
+    /// From 2 on, the object reflects light onto the catcher, and reflects the catcher.
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub depth: u32,
-    /// Samples per pixel. Default: 64, for a preview 8.
+    /// Samples per pixel. Default: 64; 8 with --preview.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
     pub spp: Option<u32>,
-    /// Width of the composite in pixels. Default: that of the photograph, for a preview a quarter.
+    /// Width of the composite in pixels.
+    /// Default: that of the photograph; 1/4 of it with --preview.
     #[arg(long, value_parser = clap::value_parser!(u32).range(8..=16384))]
     pub width: Option<u32>,
-    /// What the photograph's values are multiplied by to be in the map's units, before --env-scale. Default: 1 for OpenEXR and Radiance; for PNG and
-    /// JPEG what gives them the brightness that the map has in the same view.
+    /// Factor from the photograph's values to the map's units.
+    /// It applies before --env-scale. Default: 1 for OpenEXR and Radiance; for PNG and JPEG, the factor that
+    /// gives them the brightness of the map in the same view.
     #[arg(long, value_name = "FACTOR")]
     pub gain: Option<f32>,
-    /// Quickly: a quarter of the width and few samples.
+    /// Composite quickly: 1/4 of the width and few samples.
     #[arg(long)]
     pub preview: bool,
     /// Seed of the samples.
@@ -135,7 +147,7 @@ pub struct Arguments {
 
 const UP_AXES: [(UpAxis, &str, &str); 2] = [(UpAxis::Y, "y", "+Y"), (UpAxis::Z, "z", "+Z, as in Blender")];
 
-/// The files that are written.
+/// Names of the result files.
 const RESULTS: [&str; 5] = ["composite.png", "composite.exr", "layers.exr", "mask.png", "composite.html"];
 
 /// Composites and writes everything.
@@ -186,12 +198,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Work is announced that takes at least so many seconds.
+/// Minimum duration, in seconds, of work that is announced.
 const LONG: f64 = 10.0;
-/// The trial has one sample for each square of so many pixels along a side.
+/// Side, in pixels, of the squares that have one sample each in the trial.
 const TRIAL: usize = 8;
 
-/// Says about how long it takes, after a trial in a small size.
+/// Announces the expected duration, after a trial at a small size.
 fn announce(composition: Composition<'_>, settings: Settings) {
     let (width, height) = ((settings.width / TRIAL).max(1), (settings.height / TRIAL).max(1));
     let trial = compose(composition, Settings { width, height, spp: 1, ..settings }, &AtomicBool::new(false), &|_| {});
@@ -203,7 +215,7 @@ fn announce(composition: Composition<'_>, settings: Settings) {
     }
 }
 
-/// What `--json` prints.
+/// Returns the object that `--json` prints.
 fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> serde_json::Value {
     let caught = film.catcher.iter().zip(&mask.values).filter(|(sums, _)| sums.hits == film.spp);
     let (sum, count) = caught.fold((0.0, 0.0), |(sum, count), (_, value)| (sum + f64::from(value[3]), count + 1.0));
@@ -228,7 +240,7 @@ fn facts(arguments: &Arguments, setting: &Setting, film: &Film, mask: &Mask) -> 
     })
 }
 
-/// Says what is wrong with a view in which there is nothing.
+/// Returns an error if the view shows nothing.
 fn check_sight(film: &Film) -> Result<()> {
     ensure!(
         film.object.iter().any(|object| object.0 > 0),
@@ -240,7 +252,8 @@ fn check_sight(film: &Film) -> Result<()> {
     Ok(())
 }
 
-/// How pictures become 8-bit: a photograph of sRGB codes keeps them, one of radiance gets an exposure and a tone curve.
+/// Conversion of pictures to 8 bits: photographs of sRGB codes keep them, those of radiance get an exposure
+/// and a tone curve.
 #[derive(Clone, Copy)]
 pub struct Development {
     /// Stops before the tone curve; `None` for sRGB codes.
@@ -248,13 +261,13 @@ pub struct Development {
 }
 
 impl Development {
-    /// For a composite into this photograph.
+    /// Returns the conversion for composites into this photograph.
     pub fn of(setting: &Setting) -> Self {
         let photograph = &setting.photograph;
         Self { exposure: photograph.is_radiance.then(|| crate::view::automatic_exposure(&photograph.image) + 0.5) }
     }
 
-    /// A PNG.
+    /// Encodes a picture as PNG.
     pub fn png(self, image: &Image) -> Result<Vec<u8>> {
         Ok(match self.exposure {
             Some(stops) => headtail_render::image::encode_png(image, stops)?,
@@ -263,7 +276,7 @@ impl Development {
     }
 }
 
-/// A PNG of values in `[0, 1]`, sRGB.
+/// Encodes values in `[0, 1]` as an sRGB PNG.
 fn codes(image: &Image) -> Result<Vec<u8>> {
     let codes: Vec<[u8; 3]> = image.pixels.iter().map(|pixel| pixel.map(srgb_code)).collect();
     Ok(encode_png_rgb8(image.width, image.height, &codes)?)

@@ -10,21 +10,21 @@ use crate::report::{
     stage::{self, Choice},
 };
 
-/// The pictures as `data:` addresses.
+/// Pictures as `data:` URLs.
 pub struct Pictures {
-    /// Before.
+    /// Photograph.
     pub photograph: String,
-    /// After.
+    /// Composite.
     pub composite: String,
     /// The object, multiplied by its alpha.
     pub object: String,
-    /// What the photograph is multiplied by.
+    /// Factor of the photograph.
     pub mask: String,
-    /// What the object throws back.
+    /// Light that the object reflects onto the catcher.
     pub light: String,
 }
 
-/// The whole page; it needs nothing but itself.
+/// Returns the whole self-contained page.
 pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pictures) -> String {
     let light = arguments.light.words();
     let title = format!("{} under {}{light}", setting.stage.object().name(), setting.environment.name());
@@ -71,7 +71,7 @@ pub fn page(arguments: &Arguments, setting: &Setting, film: &Film, pictures: &Pi
     page.encode(&main)
 }
 
-/// Id, name, what it is, and address of each picture.
+/// Returns id, name, description and URL of each picture.
 fn entries(pictures: &Pictures) -> [(&'static str, &'static str, &'static str, &String); 5] {
     [
         ("image-photograph", "photograph", "before", &pictures.photograph),

@@ -1,4 +1,4 @@
-//! What a composite is made of, opened: photograph, camera, map, object and catcher.
+//! Inputs of a composite: photograph, camera, map, object and catcher.
 
 use std::sync::Arc;
 
@@ -18,35 +18,35 @@ use crate::arguments::{open_environment, open_scene};
 use crate::light::{Factors, LightArguments};
 use crate::terminal::note;
 
-/// Everything in the coordinates of the map.
+/// Inputs, all in the coordinates of the map.
 pub struct Setting {
     /// The photograph in the size of the composite.
     pub photograph: Photograph,
-    /// Its camera.
+    /// Camera of the photograph.
     pub camera: Camera,
     /// The map.
     pub environment: Arc<Environment>,
     /// Object and catcher.
     pub stage: Stage,
-    /// What the photograph's values are multiplied by to be in the units of the map as it is lit.
+    /// Factor from the photograph's values to the units of the map as it is lit.
     pub gain: f32,
-    /// The same in those of the map as it was made, per channel: the photograph is divided by the factors of the light instead of multiplying the map, for
-    /// which samplers were made.
+    /// Per-channel factor from the photograph's values to the units of the original map, for which samplers
+    /// were made: the photograph is divided by the light's factors instead of multiplying the map.
     pub to_map: Vec3A,
 }
 
-/// The least width of a preview.
+/// Minimum width of a preview.
 const PREVIEW_WIDTH: usize = 160;
 
 impl Setting {
-    /// Opens what the arguments name.
+    /// Opens the inputs that the arguments name.
     pub fn open(arguments: &Arguments) -> Result<Self> {
         let (photograph, camera) = photograph_and_camera(arguments)?;
         let environment = open_environment(&arguments.map.of(&arguments.env))?;
         let LightArguments { env_rotate, env_scale: Factors(scale) } = arguments.light;
         arguments.light.check()?;
         ensure!(scale.min_element() > 0.0, "--env-scale: a composite needs light in all three channels");
-        // Instead of the map, for which samplers were made, everything else is turned the other way.
+        // Samplers were made for the map, so everything else is turned the other way.
         let turn = Affine3A::from_rotation_y(-env_rotate.to_radians());
         let camera = camera.moved(&turn);
         let stage = stage(arguments, &camera, &turn)?;
@@ -66,7 +66,7 @@ impl Setting {
         Ok(Self { photograph, camera, environment, stage, gain, to_map: gain / scale })
     }
 
-    /// What the catcher looks like.
+    /// Returns the appearance of the catcher.
     pub fn backdrop(&self) -> Backdrop<'_> {
         Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, self.to_map)
     }
@@ -107,12 +107,12 @@ fn sized(arguments: &Arguments, photograph: Photograph) -> Result<Photograph> {
         None => width,
     };
     let scaled = (height as f64 * wanted as f64 / width as f64).round().max(1.0) as usize;
-    // Sums of the catcher and the object, and layers.
+    // Sums of catcher and object, and layers.
     memory::require_pictures(wanted, scaled, 10)?;
     Ok(if wanted == width { photograph } else { photograph.resized(wanted, scaled) })
 }
 
-/// The object on its catcher, in the coordinates of the map.
+/// Returns the object on its catcher, in the coordinates of the map.
 fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stage> {
     let is_dressed = arguments.material.as_ref().is_some_and(MaterialSpec::is_for_all);
     let mut scene = open_scene(&arguments.scene, !is_dressed)?;
@@ -136,8 +136,9 @@ fn stage(arguments: &Arguments, camera: &Camera, turn: &Affine3A) -> Result<Stag
     Ok(stage)
 }
 
-/// From the object's coordinates to those of the photograph. An object without a catcher of its own stands with the middle of its underside in its
-/// place; one that brings its catcher keeps its origin.
+/// Returns the transform from the object's coordinates to those of the photograph. An object without a
+/// catcher of its own stands with the centre of its underside at its position; one with a catcher keeps its
+/// origin.
 fn placement(arguments: &Arguments, scene: &Scene, stands: bool) -> Result<Affine3A> {
     let bounds = scene.bounds();
     let scale = match arguments.size {
@@ -153,7 +154,8 @@ fn placement(arguments: &Arguments, scene: &Scene, stands: bool) -> Result<Affin
     Ok(to_place * Affine3A::from_translation((-foot).into()))
 }
 
-/// What gives the photograph the brightness of the map's own view: the ratio of geometric means over pixels that are neither black nor clipped.
+/// Returns the factor that gives the photograph the brightness of the map in the same view: the ratio of
+/// geometric means over pixels that are neither black nor clipped.
 fn automatic_gain(photograph: &Image, environment: &Environment, camera: &Camera) -> f32 {
     const SIDE: usize = 96;
     let height = (SIDE * photograph.height).div_ceil(photograph.width).max(1);

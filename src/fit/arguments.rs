@@ -1,4 +1,4 @@
-//! The arguments of `headtail fit`, and the configuration that they make.
+//! Arguments of `headtail fit`, and the configuration that they define.
 
 use std::path::PathBuf;
 
@@ -16,7 +16,8 @@ use crate::{
     run::{Checkpoints, Picture, RunTable},
 };
 
-/// Train a head for an environment map and write DIR/sampler.safetensors.
+/// Train a head for an environment map.
+/// Writes DIR/sampler.safetensors.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail fit --env studio --material lambert --out out/studio
@@ -29,48 +30,53 @@ A configuration is a preset, then the keys of --config, then those of --set, the
 keys env, out, viewpoints, checkpoints, export and measure are in docs/sweeps.md. The fast presets learn how \
 often to draw from BRDF sampling, and keep the untrained head, which makes head+mis the sampler mis, where training did not lower the variance.")]
 pub struct Arguments {
-    /// A built-in environment (overcast, window, studio, sunset) or a Radiance .hdr or OpenEXR map.
+    /// Built-in environment, or Radiance .hdr or OpenEXR map.
+    /// Built-in: overcast, window, studio, sunset.
     #[arg(long, value_name = "MAP", required_unless_present_any = ["print_config", "config"], value_parser = given::<String>())]
     env: Option<String>,
     #[command(flatten)]
     map: MapArguments,
-    /// The settings to begin with: paper-cosine, paper-ggx, fast-cosine, fast-ggx, over-patches. Default: the fast one for the material, or with --over
-    /// patches the last one.
+    /// Initial settings.
+    /// paper-cosine, paper-ggx, fast-cosine, fast-ggx or over-patches. Default: the fast one for the
+    /// material; with --over patches, over-patches.
     #[arg(long)]
     preset: Option<Preset>,
-    /// A TOML file of settings, with the keys that --print-config shows, or of a whole run.
+    /// TOML file of settings, or of a whole run.
+    /// Keys are those of --print-config.
     #[arg(long, value_name = "FILE")]
     config: Option<PathBuf>,
-    /// One setting, as in head.bins=8; may be repeated.
+    /// Change one setting, as in head.bins=8; may be repeated.
     #[arg(long, value_name = "KEY=VALUE")]
     set: Vec<String>,
     /// Print the settings as TOML and stop.
     #[arg(long)]
     pub print_config: bool,
-    /// The material to sample for: lambert, ggx:alpha=0.4, (any of a range) ggx:alpha=0.2..0.8, or measured: nbrdf:FILE#NAME, and one head for
-    /// many: nbrdf:FILE#NAME,NAME and so on.
+    /// Material to sample for.
+    /// lambert; ggx:alpha=0.4; ggx:alpha=0.2..0.8 (any of a range); nbrdf:FILE#NAME (measured);
+    /// nbrdf:FILE#NAME,NAME,... (one head for several).
     #[arg(long, value_name = "MATERIAL", required_unless_present_any = ["preset", "config"], value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
-    /// The tail warp under the head.
+    /// Tail warp under the head.
     #[arg(long, value_parser = one_of(&TAILS))]
     tail: Option<TailKind>,
-    /// What is under the head: the tail, or patches of sky between it and the tail, for which a head learns what their closed form leaves over
-    /// (--sampler head+patches:FILE).
+    /// Layer under the head: the tail, or patches of sky over it.
+    /// Over patches, the head is trained on what their closed form leaves (--sampler head+patches:FILE).
     #[arg(long, value_parser = one_of(&OVER))]
     over: Option<Over>,
-    /// The size of a flow tail, small, medium or paper: takes the place of all keys flow.* of presets and files. --set goes over it.
+    /// Size of a flow tail: small, medium or paper.
+    /// Overrides all keys flow.* of presets and files; --set overrides it.
     #[arg(long, value_name = "SIZE")]
     flow: Option<FlowSize>,
-    /// How to draw training points.
+    /// Method of drawing training points.
     #[arg(long, value_parser = one_of(&TARGETS))]
     target: Option<Points>,
-    /// Fit the product without a tail: the paper's strawman, to measure it.
+    /// Fit the product without a tail, as the paper's naive baseline.
     #[arg(long)]
     naive: bool,
-    /// Train and measure only.
+    /// Train and measure only; write no sampler.
     #[arg(long)]
     no_export: bool,
-    /// Where to train.
+    /// Training backend.
     #[arg(long, value_parser = one_of(&BACKENDS))]
     backend: Option<Backend>,
     /// Optimiser steps.
@@ -79,39 +85,44 @@ pub struct Arguments {
     /// Seed of weights and batches.
     #[arg(long)]
     seed: Option<u64>,
-    /// Peak learning rate of AdamW; it falls along half a cosine.
+    /// Peak learning rate of AdamW; decays along half a cosine.
     #[arg(long, value_name = "RATE")]
     learning_rate: Option<f64>,
-    /// What to minimise.
+    /// Loss to minimise.
     #[arg(long, value_parser = one_of(&LOSSES))]
     loss: Option<Loss>,
-    /// Take conditions from what a camera sees of this scene (a built-in one or a glTF file) instead of from everywhere.
+    /// Take conditions from what a camera sees of this scene.
+    /// A built-in scene or a glTF file. Default: conditions from everywhere.
     #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
     conditions_from: Option<String>,
     #[command(flatten)]
     camera: CameraArguments,
-    /// Keep checkpoints in this folder, the last three.
+    /// Keep the last three checkpoints in this folder.
     #[arg(long, value_name = "DIR")]
     checkpoint_dir: Option<PathBuf>,
-    /// Steps between checkpoints; there is one at the end and at an interruption (Ctrl-C, SIGTERM) too.
+    /// Steps between checkpoints.
+    /// One is also written at the end and at an interruption (Ctrl-C, SIGTERM).
     #[arg(long, value_name = "STEPS", default_value_t = 250, requires = "checkpoint_dir")]
     checkpoint_every: usize,
-    /// Go on from the last checkpoint, or begin where there is none. The result is that of a run that was never stopped.
+    /// Continue from the last checkpoint, or begin if there is none.
+    /// The result equals that of an uninterrupted run.
     #[arg(long, requires = "checkpoint_dir")]
     resume: bool,
-    /// Write event files for TensorBoard into this folder.
+    /// Write TensorBoard event files into this folder.
     #[arg(long, value_name = "DIR")]
     pub tensorboard: Option<PathBuf>,
-    /// Draw target and learned density for four conditions into this folder, in the end.
+    /// Draw densities for four conditions into this folder at the end.
+    /// Target and learned density side by side.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
-    /// Leave the training time out of the file, so that the same command writes the same bytes.
+    /// Omit the training time, so that output bytes are reproducible.
     #[arg(long)]
     reproducible: bool,
     /// Print the figures of the run as a JSON object.
     #[arg(long)]
     pub json: bool,
-    /// Folder for the result and for metrics.jsonl, which has a line for each validation.
+    /// Folder for the result and metrics.jsonl.
+    /// metrics.jsonl has one line per validation.
     #[arg(long, value_name = "DIR", required_unless_present_any = ["print_config", "config"])]
     pub out: Option<PathBuf>,
 }
@@ -141,7 +152,7 @@ const LOSSES: [(Loss, &str, &str); 4] = [
 ];
 
 impl Arguments {
-    /// The table of the run: that of the file, changed by the flags that are not settings of the training.
+    /// Returns the table of the run: that of the file, changed by the flags that are not training settings.
     pub fn table(&self) -> Result<RunTable> {
         let file = self.config.as_deref().map(RunTable::open).transpose()?;
         let mut table = file.unwrap_or_default();
@@ -163,7 +174,7 @@ impl Arguments {
         Ok(table)
     }
 
-    /// The configuration that preset, file, values and flags make.
+    /// Returns the configuration from preset, file, values and flags.
     pub fn config(&self, described: &RunTable) -> Result<FitConfig> {
         let material = self.material.clone().or_else(|| described.material()).unwrap_or(MaterialSpec::LAMBERT);
         let preset = match self.preset {
@@ -214,7 +225,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn flags_name_values_as_configuration_files_do() {
+    fn flags_use_the_names_of_configuration_files() {
         fn check<T: Serialize>(values: &[(T, &str, &str)]) {
             for (value, name, _) in values {
                 assert_eq!(serde_json::to_value(value).unwrap(), *name);

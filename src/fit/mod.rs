@@ -1,4 +1,4 @@
-//! `headtail fit`: train a head for an environment map and export it.
+//! `headtail fit`: trains a head for an environment map and exports it.
 
 mod arguments;
 
@@ -93,7 +93,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// What shows each step of a head's training.
+/// Returns a callback that shows the steps of a head's training.
 fn shown_on(bar: &TrainingBar<'_>) -> impl FnMut(&Progress) {
     let mut kl = f64::NAN;
     move |progress| {
@@ -104,7 +104,7 @@ fn shown_on(bar: &TrainingBar<'_>) -> impl FnMut(&Progress) {
     }
 }
 
-/// Trains a head for a map under conditions from everywhere, with a progress bar and without files.
+/// Trains a head for a map under conditions from everywhere, with a progress bar and without writing files.
 pub fn train(tail: &Tail, config: &FitConfig, stop: &AtomicBool) -> Result<Fitted> {
     let target = build_target(config, tail, Viewpoints::Sphere)?;
     let bar = TrainingBar::new("training");

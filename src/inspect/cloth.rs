@@ -1,4 +1,4 @@
-//! A point of a neural material over a surface: what a head for one is shown at.
+//! A point of a neural material, as the condition of a head.
 
 use std::{str::FromStr, sync::Arc};
 
@@ -14,18 +14,19 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-/// Where on the material.
+/// Position on a neural material.
 #[derive(Args)]
 pub struct Arguments {
-    /// The place on a neural material, in tiles.
+    /// Position on a neural material, in tiles.
     #[arg(long, value_name = "U,V", default_value = "0.5,0.5", allow_hyphen_values = true)]
     place: Place,
-    /// The level of a neural material's textures: 0 is the finest, and each further one sees twice as far.
+    /// Level of a neural material's textures.
+    /// 0 is the finest; each further level has twice the footprint.
     #[arg(long, value_name = "LEVEL", default_value_t = 0.0, value_parser = level)]
     level: f32,
 }
 
-/// A place in tiles.
+/// A position in tiles.
 #[derive(Clone, Copy, Debug)]
 pub struct Place(Vec2);
 
@@ -46,7 +47,8 @@ fn level(text: &str) -> Result<f32, String> {
     text.parse().ok().filter(in_range).ok_or_else(|| "write a number from 0 to 16".into())
 }
 
-/// The surface at the place, seen from `wo`, in a table that has it. Its first tangent is that of [`Frame::from_normal`].
+/// Returns the surface at the position, seen from `wo`, and a table that contains it. Its first tangent is
+/// that of [`Frame::from_normal`].
 pub fn surface(arguments: &Arguments, texture: &Arc<NeuralTexture>, n: Vec3A, wo: Vec3A) -> (BrdfTable, Surface) {
     let width = texture.finest_width() * arguments.level.exp2();
     let wo = Frame::from_normal(n.into()).to_local(wo.into());
@@ -55,7 +57,7 @@ pub fn surface(arguments: &Arguments, texture: &Arc<NeuralTexture>, n: Vec3A, wo
     (table, Surface { brdf, parameters })
 }
 
-/// What a head is told of a point with such a surface.
+/// Returns the condition of a head at a point with such a surface.
 pub fn condition(at: &ShadingPoint) -> [f32; MAX_CONDITION] {
     let n: Vec3 = at.ns.into();
     let mut material = [0.0; OF_MATERIAL];

@@ -1,22 +1,24 @@
-//! Where a tail is not continuous: points of Y that land apart on the map, however near they are to each other.
+//! Discontinuities of a tail: points of Y that are mapped to distant points of the map, however close they
+//! are.
 
 use glam::Vec2;
 use headtail_render::tail::{Tail, TailWarp};
 
 /// Points along a side of Y, which are compared with their neighbours.
 pub const SIDE: usize = 256;
-/// How often the distance of two neighbours is halved, always towards the half that lands further apart: to 2^-20 of a side.
+/// Number of bisections of two neighbours, always towards the half with the larger jump: to 2^-20 of a side.
 const HALVINGS: usize = 12;
-/// The least jump that counts, as a fraction of the map's side: points so far apart are separated, or stretched more than 1000 times.
+/// Minimum jump, as a fraction of the map's side: points at this distance are separated, or stretched more
+/// than 1000 times.
 const LEAST: f32 = 1.0 / 1024.0;
 
 /// The discontinuities of a tail.
 pub struct Discontinuities {
-    /// Their length in sides of Y, along both axes.
+    /// Length in sides of Y, along both axes.
     pub length: f64,
-    /// The mean jump across them, as a fraction of the map's width or height, whichever is more; 0 if there are none.
+    /// Mean jump, as a fraction of the map's width or height, whichever is larger; 0 if there are none.
     pub mean: f64,
-    /// The largest jump to the right and downwards of each of `SIDE x SIDE` points.
+    /// For each of `SIDE x SIDE` points, the larger of its jumps to the right and downwards.
     pub jumps: Vec<f32>,
 }
 
@@ -44,10 +46,10 @@ impl Discontinuities {
         }
     }
 
-    /// The square, black where the tail is continuous, and brighter the larger its jump.
+    /// Returns colours over Y: black where the tail is continuous, brighter for larger jumps.
     pub fn colors(&self) -> Vec<[u8; 3]> {
         let bright = |jump: &f32| {
-            // From a thousandth to half of the map.
+            // From 0.1 % to half of the map.
             let level = (jump / LEAST).max(1.0).log2() / (0.5 / LEAST).log2();
             [1.0, 0.75, 0.4].map(|tint| (255.0 * level.min(1.0) * tint).round() as u8)
         };
@@ -55,7 +57,8 @@ impl Discontinuities {
     }
 }
 
-/// A point of the grid with its neighbours to the right, across the seam too, and below; the last row has none below.
+/// Returns a point of the grid paired with its neighbours to the right (also across the seam) and below; the
+/// last row has none below.
 fn neighbours(k: usize) -> [[Vec2; 2]; 2] {
     let at = |column: usize, row: usize| Vec2::new(column as f32 + 0.5, row as f32 + 0.5) / SIDE as f32;
     let (column, row) = (k % SIDE, k / SIDE);
@@ -63,13 +66,13 @@ fn neighbours(k: usize) -> [[Vec2; 2]; 2] {
     [[point, at(column + 1, row)], [point, at(column, (row + 1).min(SIDE - 1))]]
 }
 
-/// Where points land; their first coordinate may be a turn too far.
+/// Maps points through the tail; their first coordinate may exceed 1.
 fn images(tail: &Tail, points: &[Vec2]) -> Vec<Vec2> {
     let points: Vec<Vec2> = points.iter().map(|y| Vec2::new(y.x.fract(), y.y)).collect();
     tail.forward_points(&points).into_iter().map(|(x, _)| x).collect()
 }
 
-/// How far two points of the map are apart: u is a circle.
+/// Returns the distance of two points of the map: u is periodic.
 fn apart(a: Vec2, b: Vec2) -> f32 {
     let across = (a.x - b.x).abs();
     across.min(1.0 - across).max((a.y - b.y).abs())
@@ -95,7 +98,8 @@ mod tests {
         }
     }
 
-    /// Two halves that are bright at opposite ends: their rows do not meet. A quarter of a side of the map lies between the middles of their light.
+    /// Two halves that are bright at opposite ends: their rows do not meet. The centres of their light are
+    /// 1/4 of a side of the map apart.
     #[test]
     fn rows_that_do_not_meet_are_discontinuities() {
         let found = of(TailKind::Hierarchical, |column, row| if (column < 32) == (row < 16) { 1.0 } else { 0.1 });

@@ -2,7 +2,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `tails.rs`, `discontinuities.rs` | `--tail`; where a tail is not continuous |
+//! | `tails.rs`, `discontinuities.rs` | `--tail`; discontinuities of a tail |
 //! | `visibility.rs` | `--visibility` |
 //! | `cloth.rs` | `--place`: a point of a neural material |
 
@@ -37,7 +37,8 @@ use crate::report::{
 };
 use crate::terminal::{self, out};
 
-/// Draw target, intermediate and final density of an exported sampler side by side, on a log scale.
+/// Draw target, intermediate and final density of a sampler.
+/// Side by side, on a log scale.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail inspect out/studio/sampler.safetensors --out out/studio-up.svg
@@ -51,25 +52,30 @@ A head that has learned how often to draw from BRDF sampling instead is shown in
 and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
-    /// A file written by fit or bake.
+    /// File written by fit or bake.
     #[arg(required_unless_present = "tail")]
     file: Option<PathBuf>,
-    /// Draw and measure the tails of --env, and the flow tail of the file if it has one.
+    /// Draw and measure the tails of --env.
+    /// Includes the flow tail of the file, if it has one.
     #[arg(long, requires = "env")]
     tail: bool,
-    /// Draw a file of bake --visibility: its cells in false colours and, for one pixel, the map by learned and by traced visibility.
+    /// Draw a file of bake --visibility.
+    /// Its cells in false colours and, for one pixel, the map by learned and by traced visibility.
     #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail")]
     visibility: bool,
-    /// The map for --tail and --visibility: a built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
+    /// Map for --tail and --visibility.
+    /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
-    /// The shading normal; it need not have unit length.
+    /// Shading normal, of any length.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,1,0", allow_hyphen_values = true)]
     normal: Triple,
-    /// The direction to the viewer, on the normal's side; it need not have unit length. Default: the normal.
+    /// Direction to the viewer, of any length. Default: the normal.
+    /// It must be on the normal's side.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     view: Option<Triple>,
-    /// The surface: lambert, ggx:alpha=A, nbrdf:FILE#NAME or neural:FILE. Default: lambert; a head for glossy surfaces needs to be told.
+    /// Surface: lambert, ggx:alpha=A, nbrdf:FILE#NAME or neural:FILE.
+    /// Default: lambert; heads for glossy surfaces require it.
     #[arg(long, value_name = "MATERIAL", value_parser = given::<MaterialSpec>())]
     material: Option<MaterialSpec>,
     /// Print the figures as a JSON object.
@@ -86,15 +92,15 @@ pub struct Arguments {
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
-/// Powers of ten that the colour scale spans below the brightest value.
+/// Powers of ten in the colour scale below the brightest value.
 const DECADES: f64 = 6.0;
 
-/// What the picture's header says.
+/// Figures in the picture's header.
 struct Figures {
     kl: f64,
     relative_variance: f64,
     integral: f64,
-    /// Which share of samples the head gives in a mixture with BRDF sampling, if it has learned that.
+    /// Learned weight of the head in the mixture with BRDF sampling, if there is one.
     share: Option<f32>,
 }
 
@@ -121,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         out!("{said}\n{} written", arguments.out.display());
         return Ok(());
     }
-    // The parser of arguments asks for it.
+    // The argument parser requires it.
     let Some(file) = &arguments.file else { bail!("name a file") };
     let exported = ExportedSampler::read(file)?;
     let (at, table) = shading_point(arguments, &exported.intermediate)?;
@@ -167,7 +173,7 @@ fn write(output: &OutputFile, picture: &Chart) -> Result<()> {
     output.write(|path| file::replace(path, drawing.file().as_bytes()))
 }
 
-/// The surface that the arguments describe, if it is one for the sampler.
+/// Returns the surface that the arguments describe, if it suits the sampler.
 fn shading_point(arguments: &Arguments, intermediate: &Intermediate) -> Result<(ShadingPoint, BrdfTable)> {
     let normal = arguments.normal.0;
     ensure!(normal.length() > 1e-6, "--normal: the vector has no length");
@@ -212,7 +218,7 @@ fn kind(intermediate: &Intermediate) -> &'static str {
 /// Densities at points of Y.
 type Density<'a> = Box<dyn Fn(&[Vec2]) -> Vec<f32> + 'a>;
 
-/// A sampler's density over Y at a shading point, and which share of samples it is for, if that was learned.
+/// Returns a sampler's density over Y at a shading point, and its mixture weight, if that was learned.
 fn intermediate_density<'a>(
     exported: &'a ExportedSampler,
     at: &ShadingPoint,
@@ -249,13 +255,14 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) ->
         .collect();
     let count = points.len() as f64;
     let reflected = |wi: &[Vec3A]| surface.brdf_cosines(wi).into_iter().map(luminance);
-    // The sampler's pdf, where `q` is the density over Y, `light` the emitter's pdf and `brdf` that of BRDF sampling.
+    // PDF of the sampler: `q` is the density over Y, `light` the emitter's pdf and `brdf` that of BRDF
+    // sampling.
     let mixed = |q: f32, light: f32, brdf: f32| {
         let pdf = q * light;
         share.map_or(pdf, |share| share * pdf + (1.0 - share) * brdf)
     };
 
-    // Through an exact tail the target over Y is BRDF x cosine alone; another tail leaves some light over.
+    // Through an exact tail, the target over Y is BRDF x cosine alone; with another tail, some light remains.
     let intermediate = density(&points);
     let seen: Vec<(Vec2, Vec3A, f32)> = exported.tail.forward_directions(&points).collect();
     let directions: Vec<Vec3A> = seen.iter().map(|&(_, wi, _)| wi).collect();

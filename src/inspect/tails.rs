@@ -25,43 +25,43 @@ const LINES: f32 = 16.0;
 const SIDE: usize = 512;
 /// Cells along a side of Y in which energy is summed.
 const CELLS: usize = 64;
-/// Points that a divergence is measured at.
+/// Points for measuring a divergence.
 const POINTS: usize = 100_000;
 
-/// A tail in figures.
+/// Figures of a tail.
 struct Figures {
     kind: TailKind,
     /// `KL(light || tail)` in nats.
     kl: f64,
-    /// Largest ratio of the Jacobians of neighbouring points, and the ratio that one pair in a hundred passes.
+    /// Largest ratio of the Jacobians of neighbouring points, and the 99th percentile.
     jump: f64,
     jump_99: f64,
     discontinuities: Discontinuities,
-    /// Energy of the fullest of 64 x 64 cells of Y, as a share of all.
+    /// Energy of the fullest of 64 x 64 cells of Y, as a fraction of the total.
     worst_cell: f64,
     /// Nanoseconds for y -> x and x -> y.
     nanoseconds: [f64; 2],
 }
 
-/// What is found of tails.
+/// Results of an inspection of tails.
 pub struct Found {
     pub picture: Chart,
-    /// In plain text.
+    /// Plain text.
     pub table: String,
-    /// The same as objects.
+    /// The rows of `table` as objects.
     pub objects: Vec<serde_json::Value>,
 }
 
-/// The flow tail of a file for a map; none if its tail is an exact one.
+/// Returns the flow tail of a file for a map; `None` if its tail is exact.
 ///
 /// # Errors
-/// The file is for another map.
+/// If the file is for another map.
 pub fn flow_of<'a>(exported: &'a ExportedSampler, environment: &Environment) -> Result<Option<&'a Tail>> {
     exported.check_environment(environment)?;
     Ok((exported.tail.kind() == TailKind::Flow).then_some(&*exported.tail))
 }
 
-/// The picture and the table of the exact tails of a map, and of a flow that was fitted to it.
+/// Draws and measures the exact tails of a map, and a flow that was fitted to it.
 pub fn inspect(environment: &Environment, flow: Option<&Tail>) -> Result<Found> {
     let exact = |kind| Tail::new(kind, environment.width(), environment.height(), &environment.luminance());
     let mut tails = vec![exact(TailKind::RowColumn)?, exact(TailKind::Hierarchical)?];
@@ -117,7 +117,7 @@ impl Figures {
     }
 }
 
-/// The largest ratio of Jacobians between neighbours of a grid over Y, and the ratio that one pair in a hundred passes.
+/// Returns the largest ratio of Jacobians between neighbours of a grid over Y, and the 99th percentile.
 fn neighbours(tail: &Tail) -> (f64, f64) {
     let at = |k: usize| Vec2::new((k % SIDE) as f32 + 0.5, (k / SIDE) as f32 + 0.5) / SIDE as f32;
     let points: Vec<(Vec2, f32)> = tail.forward_points(&(0..SIDE * SIDE).map(at).collect::<Vec<_>>());
@@ -136,7 +136,7 @@ fn neighbours(tail: &Tail) -> (f64, f64) {
     (pick(1.0), pick(0.99))
 }
 
-/// The share of the light in the fullest cell of Y; one in all cells for an exact tail.
+/// Returns the fraction of the light in the fullest cell of Y; for an exact tail, 1 over the number of cells.
 fn worst_cell(tail: &Tail) -> f64 {
     let mut random = Stream::new(2, Purpose::Test, 0);
     let mut cells = vec![0.0_f64; CELLS * CELLS];
@@ -161,14 +161,14 @@ fn lookup_time(tail: &Tail, back: bool) -> f64 {
     start.elapsed().as_nanos() as f64 / points.len() as f64
 }
 
-/// The colour of a point of Y: hue along the circle, darker downwards, with a grid of lines.
+/// Colour of a point of Y: hue along the circle, darker downwards, with a grid of lines.
 fn color(y: Vec2) -> [u8; 3] {
     let near_line = |t: f32| ((t * LINES).fract() - 0.5).abs() > 0.44;
     let rgb = rgb_of_hsl(y.x, 0.85, 0.78 - 0.5 * y.y);
     if near_line(y.x) || near_line(y.y) { rgb.map(|c| c / 2) } else { rgb }
 }
 
-/// Hue, saturation and lightness in `[0, 1]` as 8-bit RGB.
+/// Converts hue, saturation and lightness in `[0, 1]` to 8-bit RGB.
 fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
     let chroma = (1.0 - (2.0 * lightness - 1.0).abs()) * saturation;
     [0.0, 8.0, 4.0].map(|shift| {
@@ -178,7 +178,7 @@ fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
     })
 }
 
-/// The square itself, its image under each tail, then the discontinuities of each.
+/// Draws the square, its image under each tail, then the discontinuities of each.
 fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     let pixel = |k: usize| {
         Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
@@ -198,7 +198,7 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
         let Discontinuities { length, mean, .. } = figures.discontinuities;
         let title =
             format!("{}: discontinuities of {length:.1} sides, {:.1} % on average", figures.kind.name(), 100.0 * mean);
-        // Twice as wide as high, as the square is drawn above.
+        // Twice as wide as high, like the square above.
         let colors: Vec<[u8; 3]> = figures.discontinuities.colors().into_iter().flat_map(|color| [color; 2]).collect();
         panels.push(Panel::plain(title, (&colors, 2 * discontinuities::SIDE), Sides::Square)?);
     }
@@ -210,7 +210,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hues_are_where_they_belong() {
+    fn primary_hues_convert_to_rgb() {
         assert_eq!(rgb_of_hsl(0.0, 1.0, 0.5), [255, 0, 0]);
         assert_eq!(rgb_of_hsl(1.0 / 3.0, 1.0, 0.5), [0, 255, 0]);
         assert_eq!(rgb_of_hsl(2.0 / 3.0, 1.0, 0.5), [0, 0, 255]);

@@ -28,29 +28,30 @@ use crate::{
 
 /// Columns and rows of a picture of the sky.
 const SKY: (usize, usize) = (512, 256);
-/// Factor and offset of the colours of hidden texels.
+/// Factor and offset for the colours of hidden texels.
 const HIDDEN: (f32, Vec3) = (0.08, Vec3::new(0.02, 0.03, 0.10));
-/// Upper bound of the radiance that is shown, over the mean.
+/// Upper bound of the displayed radiance, relative to the mean.
 const BRIGHTEST: f32 = 6.0;
 
 /// Arguments of `--visibility`.
 #[derive(Args)]
 #[command(next_help_heading = "For --visibility")]
 pub struct Arguments {
-    /// The scene that the visibility was learned in: a built-in scene or a glTF 2.0 file.
+    /// Scene of the visibility: built-in, or a glTF 2.0 file.
     #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
     scene: Option<String>,
-    /// Add the ground plane, if the visibility was learned with it.
+    /// Add the ground plane, if it was present in training.
     #[arg(long, requires = "visibility")]
     ground: bool,
-    /// The pixel whose visibility is shown. Default: the middle.
+    /// Pixel whose visibility is shown. Default: the centre.
     #[arg(long, value_name = "X,Y", requires = "visibility", value_delimiter = ',', num_args = 1..=2)]
     pixel: Option<Vec<u32>>,
     #[command(flatten)]
     camera: CameraArguments,
 }
 
-/// Draws the cells in false colours and, for one pixel, the map by learned and by traced visibility; with a summary in words.
+/// Draws the cells in false colours and, for one pixel, the map by learned and by traced visibility; also
+/// returns a summary in words.
 pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, String)> {
     let environment = open_environment(map)?;
     let mut scene = open_scene(arguments.scene.as_deref().context("--scene: name the scene")?, true)?;
@@ -75,7 +76,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
         .map(|k| {
             let (column, row) = (k % width, k / width);
             let (dx, dy) = (column.abs_diff(x), row.abs_diff(y));
-            // Two pixels wide, so that it survives scaling.
+            // Two pixels wide, so that it remains visible when scaled down.
             let is_mark = dx.min(dy) < 2 && (4..14).contains(&dx.max(dy));
             tone_map(if is_mark {
                 Vec3A::splat(10.0)
@@ -114,7 +115,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     Ok((densities("visibility", &lines, &panels, panels.len())?, said))
 }
 
-/// A colour for each cell, darker where the surface turns away.
+/// Returns a colour per cell, darker where the surface turns away.
 fn cell_color(precomputed: &PrecomputedVisibility, at: Option<&ShadingPoint>) -> Vec3 {
     let Some(at) = at else { return Vec3::ZERO };
     let shade = 0.25 + 0.75 * at.ns.dot(at.wo).max(0.0);
@@ -124,15 +125,15 @@ fn cell_color(precomputed: &PrecomputedVisibility, at: Option<&ShadingPoint>) ->
     Vec3::new(channel(1), channel(2), channel(3)) * shade
 }
 
-/// The map from a surface, texel by texel.
+/// The map as seen from a surface, texel by texel.
 struct Sky {
     radiance: Vec<Vec3>,
-    /// Light that a diffuse surface reflects of each texel.
+    /// Light of each texel that a diffuse surface reflects.
     reflected: Vec<f32>,
-    /// Visibility of each texel: as learned, and as traced.
+    /// Visibility of each texel, learned and traced.
     learned: Vec<f32>,
     traced: Vec<f32>,
-    /// The cell, and how many sizes above the smallest it is.
+    /// The cell, and its number of sizes above the smallest.
     cell: Option<(u32, usize)>,
 }
 
@@ -175,7 +176,7 @@ impl Sky {
         }
     }
 
-    /// The visible fraction of the reflected light.
+    /// Returns the visible fraction of the reflected light.
     fn visible_fraction(&self, seen: &[f32]) -> f32 {
         let sum: f32 = self.reflected.iter().sum();
         let own: f32 = self.reflected.iter().zip(seen).map(|(light, seen)| light * seen).sum();
@@ -188,7 +189,7 @@ impl Sky {
         let texels = self.radiance.iter().zip(seen).zip(&self.reflected).map(|((&radiance, &seen), &reflected)| {
             let shown = (radiance * scale).min(Vec3::splat(BRIGHTEST));
             let hidden = shown * HIDDEN.0 + HIDDEN.1;
-            // Below the surface everything is dark.
+            // Below the surface, everything is dark.
             tone_map(if reflected > 0.0 { hidden.lerp(shown, seen) } else { hidden * 0.4 }.into())
         });
         texels.collect()

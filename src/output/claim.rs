@@ -1,7 +1,8 @@
-//! The right to work on something where the file system has no locks: a file that only one can create.
+//! Exclusive claims on file systems without locks: a file that only one process can create.
 //!
-//! Its holder touches it every [`BEAT`]. One whose process is gone from this machine, or that was not touched for [`DEAD`] by another machine,
-//! may be taken over: by one at a time, which a second file of this kind makes sure of.
+//! The holder touches the file every [`BEAT`]. A claim whose process is gone from this machine, or that
+//! another machine has not touched for [`DEAD`], may be taken over: by one process at a time, which a second
+//! claim ensures.
 
 use std::{
     fs::{self, File, FileTimes, OpenOptions},
@@ -15,24 +16,25 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-/// How often a holder touches its file.
+/// Interval at which a holder touches its file.
 const BEAT: Duration = Duration::from_secs(20);
-/// After so long without a touch a holder on another machine counts as gone: caches of network file systems show changes within a minute.
+/// Time without a touch after which a holder on another machine counts as gone: caches of network file
+/// systems show changes within a minute.
 const DEAD: Duration = Duration::from_secs(600);
 
-/// The right, until it is dropped.
+/// An exclusive claim, held until it is dropped.
 #[derive(Debug)]
 pub struct Claim {
     path: PathBuf,
-    /// Dropped first: it ends the touching.
+    /// Dropping it ends the touching.
     _beat: Sender<()>,
 }
 
 impl Claim {
-    /// Takes the right, if nobody has it.
+    /// Takes the claim; `None` if another process holds it.
     ///
     /// # Errors
-    /// If the file cannot be created for another reason than that it is there.
+    /// If the file cannot be created for any reason other than that it exists.
     pub fn take(path: &Path) -> Result<Option<Self>> {
         if let Some(claim) = Self::create(path)? {
             return Ok(Some(claim));
@@ -45,14 +47,14 @@ impl Claim {
             drop(fs::remove_file(&takeover));
         }
         let Some(_alone) = Self::create(&takeover)? else { return Ok(None) };
-        // Another may have taken it over meanwhile.
+        // Another process may have taken it over in the meantime.
         if is_abandoned(path) {
             drop(fs::remove_file(path));
         }
         Self::create(path)
     }
 
-    /// Whether somebody has the right.
+    /// Whether a process holds the claim.
     pub fn is_taken(path: &Path) -> bool {
         path.exists() && !is_abandoned(path)
     }
@@ -77,7 +79,7 @@ impl Claim {
 
 impl Drop for Claim {
     fn drop(&mut self) {
-        // Unless it was taken over, because this process had been asleep.
+        // Unless it was taken over while this process was suspended.
         if fs::read_to_string(&self.path).is_ok_and(|holder| holder == own_name()) {
             drop(fs::remove_file(&self.path));
         }
@@ -94,18 +96,19 @@ fn with_ending(path: &Path, ending: &str) -> PathBuf {
     name.into()
 }
 
-/// This machine and this process.
+/// Returns the names of this machine and this process.
 fn own_name() -> String {
     format!("{}\n{}\n", machine(), std::process::id())
 }
 
-/// The name of the machine and of its run since it started, so that numbers of processes mean something.
+/// Returns the names of the machine and of its current boot, without which process numbers are ambiguous.
 fn machine() -> String {
     let read = |path: &str| fs::read_to_string(path).unwrap_or_default().trim().to_owned();
     format!("{} {}", read("/proc/sys/kernel/hostname"), read("/proc/sys/kernel/random/boot_id"))
 }
 
-/// Whether the holder of a file is gone. A file that cannot be read is none's, or was not written yet.
+/// Whether the holder of a file is gone. A file without a readable holder counts by its age: it may not be
+/// written yet.
 fn is_abandoned(path: &Path) -> bool {
     let Ok(metadata) = fs::metadata(path) else { return false };
     let age = metadata.modified().ok().and_then(|touched| SystemTime::now().duration_since(touched).ok());
@@ -125,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_of_many_has_it() {
+    fn only_one_of_many_holds_the_claim() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("claim");
         let taken: usize = thread::scope(|scope| {
@@ -139,17 +142,17 @@ mod tests {
     }
 
     #[test]
-    fn what_was_left_behind_is_taken_over() {
+    fn abandoned_claims_are_taken_over() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("claim");
-        // No process has the largest number.
+        // No process has this number.
         fs::write(&path, format!("{}\n{}\n", machine(), u32::MAX)).unwrap();
         assert!(!Claim::is_taken(&path));
         let claim = Claim::take(&path).unwrap();
         assert!(claim.is_some() && Claim::take(&path).unwrap().is_none());
         drop(claim);
 
-        // Of another machine: by its age alone.
+        // From another machine: only the age counts.
         fs::write(&path, "elsewhere 1\n1\n").unwrap();
         assert!(Claim::take(&path).unwrap().is_none());
         let file = OpenOptions::new().write(true).open(&path).unwrap();

@@ -1,4 +1,4 @@
-//! Single files of results.
+//! Single result files.
 
 use std::{
     ffi::OsString,
@@ -16,25 +16,26 @@ use super::{
     request,
 };
 
-/// A file that only this process writes. The record of its folder says which command made it, and what it held then.
+/// A file that only this process writes. The folder's record says which command made it, and with which
+/// content.
 #[derive(Debug)]
 pub struct OutputFile {
     path: PathBuf,
     folder: PathBuf,
-    /// Where links lead to.
+    /// Target of symbolic links.
     target: PathBuf,
-    /// The name in the record.
+    /// Name in the record.
     name: String,
     lock: PathBuf,
     _held: File,
 }
 
 impl OutputFile {
-    /// Takes a file that is to be written; its folder is made if it is missing.
+    /// Takes a file for writing, creating its folder if it is missing.
     ///
     /// # Errors
-    /// If it cannot be written, if another process writes it, or if there is a file that this command has not made, or that was changed
-    /// since, and `--force` was not given.
+    /// If it cannot be written, if another process writes it, or if a file exists that this command did not
+    /// make, or that was changed since, and `--force` was not given.
     pub fn take(path: &Path) -> Result<Self> {
         make_folder(&folder_of(path))?;
         let target = file::target(path)?;
@@ -58,7 +59,7 @@ impl OutputFile {
         Ok(output)
     }
 
-    /// Whether this command made the file that is there.
+    /// Whether this command made the existing file.
     fn is_ours(&self) -> bool {
         let Ok((record, _)) = file::open_regular(&self.folder.join(RECORD)) else { return false };
         record::latest(&record::entries(&record), &self.name).is_some_and(|entry| {
@@ -73,12 +74,12 @@ impl OutputFile {
         Ok(digits(&hasher))
     }
 
-    /// Lets `write` fill the file, and records that this command did.
+    /// Calls `write` to fill the file, and records this command as its maker.
     ///
     /// # Errors
     /// Those of `write`, and if the record cannot be written.
     pub fn write<T, E: Into<anyhow::Error>>(&self, write: impl FnOnce(&Path) -> Result<T, E>) -> Result<T> {
-        // Before, so that a kill between both leaves no file that nobody knows.
+        // Recorded first, so that a kill in between leaves no unknown file.
         self.record(None)?;
         let written = write(&self.path).map_err(Into::into)?;
         self.record(Some(self.digest().with_context(|| self.path.display().to_string())?))?;
@@ -93,7 +94,7 @@ impl OutputFile {
 
 impl Drop for OutputFile {
     fn drop(&mut self) {
-        // While it is locked: who opened it meanwhile finds that it has no name any more.
+        // Removed while locked: a process that opened it in the meantime sees that its name is gone.
         drop(fs::remove_file(&self.lock));
     }
 }
@@ -111,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_is_replaced_by_its_own_command_alone() {
+    fn a_file_is_replaced_only_by_its_own_command() {
         let here = tempfile::tempdir().unwrap();
         let path = here.path().join("a file.exr");
         fs::write(&path, "of somebody").unwrap();
@@ -126,13 +127,13 @@ mod tests {
         let record = here.path().join(RECORD);
         let lines = fs::read_to_string(&record).unwrap();
         assert!(lines.lines().count() == 1 && lines.ends_with(" a file.exr\n"), "{lines}");
-        // Another command's, and one that was changed by hand.
+        // The file of another command, and one that was changed by hand.
         fs::write(&record, format!("x{}", &lines[1..])).unwrap();
         assert!(refused(&path).contains("of another command"));
         fs::write(&record, &lines).unwrap();
         fs::write(&path, "three").unwrap();
         assert!(refused(&path).contains("changed since"));
-        // One that a kill left before the last line: nothing says what it should hold.
+        // A kill left no digest: any content is accepted.
         fs::write(&record, format!("{} a file.exr\n", request())).unwrap();
         write("four");
         assert_eq!(fs::read_dir(here.path()).unwrap().count(), 2);

@@ -1,4 +1,4 @@
-//! The record of a folder: which command made which of its files.
+//! The record of a folder: its files, and the commands that made them.
 
 use std::{
     fmt,
@@ -8,15 +8,15 @@ use std::{
     time::Duration,
 };
 
-/// The record's name.
+/// File name of the record.
 pub const RECORD: &str = ".headtail";
 
-/// A line: REQUEST, perhaps with `:DIGEST`, and NAME after a space.
+/// A line: REQUEST, optionally followed by `:DIGEST`, a space and NAME.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// What tells the command from others.
+    /// Identifies the command.
     pub request: String,
-    /// What the file held when the command was done with it, if that counts.
+    /// Hash of the file's final content, if it is checked.
     pub digest: Option<String>,
     /// The file.
     pub name: String,
@@ -37,7 +37,7 @@ impl fmt::Display for Entry {
     }
 }
 
-/// The right to write a folder's record, if nobody has it for long: whoever adds a line has it for a moment.
+/// Locks a folder's record for writing; retries for a moment, because adding a line also takes the lock.
 ///
 /// # Errors
 /// If the record cannot be opened.
@@ -52,29 +52,30 @@ pub fn lock(folder: &Path) -> Result<Option<File>> {
     Ok(None)
 }
 
-/// All entries, the latest last.
+/// Returns all entries, the latest last.
 pub fn entries(record: &File) -> Vec<Entry> {
     BufReader::new(record).lines().map_while(Result::ok).filter_map(|line| Entry::parse(&line)).collect()
 }
 
-/// The latest entry of a file.
+/// Returns the latest entry of a file.
 pub fn latest<'a>(entries: &'a [Entry], name: &str) -> Option<&'a Entry> {
     entries.iter().rfind(|entry| entry.name == name)
 }
 
-/// Writes all entries anew.
+/// Replaces all entries.
 pub fn write(record: &File, entries: &[Entry]) -> Result<()> {
     record.set_len(0)?;
     entries.iter().try_for_each(|entry| add(record, entry))
 }
 
-/// Adds an entry at the end.
+/// Appends an entry.
 pub fn add(mut record: &File, entry: &Entry) -> Result<()> {
-    // At once, so that lines of two processes do not mix.
+    // In one write, so that lines of two processes do not mix.
     record.write_all(format!("{entry}\n").as_bytes())
 }
 
-/// Adds an entry to a folder's record in place of others of the file; after them, while another process has the record.
+/// Replaces the entries of a file in a folder's record by a new one; appends it if another process holds the
+/// record.
 ///
 /// # Errors
 /// If the record cannot be written.

@@ -1,4 +1,4 @@
-//! The paper's table of what each part of the model is worth, and its figure of tails.
+//! The paper's ablation table and its figure of tails.
 
 use std::sync::Arc;
 
@@ -43,7 +43,7 @@ struct Column {
     paper: [f64; 5],
 }
 
-/// The variants, each with what the one before it has, but for the first two.
+/// The variants. From the third on, each adds to the one before it.
 const VARIANTS: [&str; 5] = ["naive neural flow", "hierarchical tail", "flow tail", "+ encoder", "+ entropic term"];
 const COSINE: Column = Column { name: "cosine", scene: "temple", paper: [0.715, 0.437, 0.406, f64::NAN, 0.401] };
 const MICROFACET: Column = Column { name: "microfacet", scene: "droid", paper: [1.411, 0.940, 0.901, 0.580, 0.542] };
@@ -74,7 +74,8 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
     (intro, columns.into_iter().flatten().map(part).collect())
 }
 
-/// What tails make of the square, with how many times the error over the hierarchical one that over the flow is.
+/// Draws the tails' mappings of the unit square. `ratio` is the MSE over the flow tail divided by that over
+/// the hierarchical one.
 fn tails(environment: &Environment, flow: Option<&Tail>, ratio: f64) -> Result<String> {
     let Found { picture, table, .. } = inspect::tails::inspect(environment, flow)?;
     let ours = match flow {
@@ -96,7 +97,8 @@ fn tails(environment: &Environment, flow: Option<&Tail>, ratio: f64) -> Result<S
     ))
 }
 
-/// The configurations of the variants, in the order of [`VARIANTS`]; without the encoder where a head needs none, the fourth is the third.
+/// The configurations of the variants, in the order of [`VARIANTS`]. For materials that need no encoder, the
+/// fourth equals the third.
 fn variants(workshop: &Workshop, material: &MaterialSpec) -> [FitConfig; 5] {
     let mut plain = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..workshop.heads.config(material) };
     plain.head.bins = 32;
@@ -111,14 +113,14 @@ fn variants(workshop: &Workshop, material: &MaterialSpec) -> [FitConfig; 5] {
     [FitConfig { naive: true, ..plain.clone() }, plain, flow, encoded, entropic]
 }
 
-/// A column: errors of a picture with each variant.
+/// One column of the table: the MSE of a rendering with each variant.
 fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Result<Made> {
     let environment = workshop.data.map(0)?;
     let view = workshop.data.view(column.scene, &material.to_string())?;
     let bench = Bench::new(workshop, &view, environment.clone())?;
     let configs = variants(workshop, material);
     let exact = workshop.heads.tail(&configs[1], &environment)?;
-    // A flow that is far from its end may have no table.
+    // The table of a flow that is far from convergence can be rejected.
     let (smooth, refused) = match workshop.heads.tail(&configs[2], &environment) {
         Ok(tail) => (Some(tail), String::new()),
         Err(error) if error.is::<Interrupted>() => return Err(error),
@@ -160,7 +162,7 @@ fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Resul
         rows,
     );
     made.html += &refused;
-    // Columns are under one map, whose tails are the same.
+    // All columns use the same map, hence the same tails.
     if column.name == COSINE.name {
         made.html += &tails(&environment, smooth.as_deref(), errors[2] / errors[1])?;
     }

@@ -27,7 +27,8 @@ use crate::report::{
     table::Cell,
 };
 
-/// The bias of the paper's estimator with samplers that are nearly the product, and of the control variate with the same.
+/// Measures the bias of the paper's estimator and of the control variate with nearly product-proportional
+/// samplers.
 pub fn bias(workshop: &Workshop) -> Result<Made> {
     let shot = Shot::new(workshop, 0)?;
     let environment = &shot.environment;
@@ -73,7 +74,7 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
     Ok(made)
 }
 
-/// Samplers that are nearly the product of light and cosine, and one that is not.
+/// Samplers that are nearly proportional to light times cosine, and `mis`, which is not.
 fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(&'static str, Box<dyn Estimator>)>> {
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
@@ -88,7 +89,8 @@ fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(
     ])
 }
 
-/// Half a 95 % interval of the mean error, by blocks of 8 x 8 pixels: the noise of the mask and that of the reference.
+/// Half-width of the 95 % interval of the mean error in shadow, from blocks of 8 x 8 pixels. It covers the
+/// noise of the mask and of the reference.
 fn half_width(mask: &Mask, truth: &Truth) -> f64 {
     let columns = mask.width.div_ceil(8);
     let mut blocks = vec![(0.0, 0_u32); columns * mask.values.len().div_ceil(mask.width).div_ceil(8)];

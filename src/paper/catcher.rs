@@ -77,7 +77,8 @@ fn codes(image: &Image) -> Result<Vec<u8>> {
     Ok(encode_png_rgb8(image.width, image.height, &codes)?)
 }
 
-/// A catcher that shadows itself: an object before the picture of a scene. The composite is held against a rendering of both.
+/// A mesh catcher that shadows itself: inserts an object into a rendering of a scene and compares the
+/// composite with a rendering of both.
 fn mesh(workshop: &Workshop) -> Result<Made> {
     let view = workshop.data.view("temple", "lambert:albedo=0.6")?;
     let environment = workshop.data.map(1)?;

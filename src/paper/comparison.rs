@@ -1,4 +1,5 @@
-//! A view rendered by several samplers: pictures, crops, errors at equal samples and at equal time, densities at a marked point.
+//! A view rendered by several samplers: pictures, crops, errors at equal samples and at equal time, and
+//! densities at a marked point.
 
 use std::sync::Arc;
 
@@ -27,9 +28,9 @@ use crate::report::{
     table::{Cell, Value},
 };
 
-/// Samples per pixel of the pictures: the paper's.
+/// Samples per pixel of the pictures, as in the paper.
 const SHOWN: u32 = 4;
-/// Samples per pixel that times are taken at.
+/// Samples per pixel of the timings.
 const TIMED: u32 = 16;
 /// The colour of the marked point, as in the paper.
 const GREEN: [u8; 3] = [40, 230, 70];
@@ -42,9 +43,9 @@ pub struct Subject {
     pub environment: Arc<Environment>,
     /// The samplers; the first is the baseline.
     pub entries: Vec<Entry>,
-    /// The sampler that is shown between the first and the last, whole.
+    /// The sampler whose whole picture is shown between the first and the last.
     pub shown: Option<&'static str>,
-    /// A head with and one without a tail, for the densities.
+    /// Two heads, with and without a tail, for the densities.
     pub heads: Option<[Head; 2]>,
     /// Samplers for the densities, with their names.
     pub samplers: Vec<(&'static str, SamplerSpec)>,
@@ -56,7 +57,7 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     let bench = Bench::new(workshop, view, environment.clone())?;
     let (rows, images) = bench.measure(entries, &[1, SHOWN, TIMED], SHOWN)?;
     let equal = bench.equal_time(entries, &rows, TIMED, SHOWN)?;
-    // A neural material is what its picture is about, and its densities are those of interest.
+    // Pixels of neural materials are preferred for the crop and the densities.
     let chosen = bench.special();
     let crop = Crop::worst(&images[0], &bench.reference, &chosen);
     let mut made = Made::of(title);
@@ -133,13 +134,13 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     Ok(made)
 }
 
-/// What files of a comparison are called.
+/// File name stem of a comparison.
 fn stem(subject: &Subject) -> String {
     let name = format!("{}-{}-{}", subject.view.name, subject.view.material, subject.environment.name());
     name.replace(|c: char| !c.is_ascii_alphanumeric(), "-")
 }
 
-/// The same square of the reference and of pictures, with what stands under them and their own error.
+/// The same square of the reference and of the pictures, with captions and the MSE in the square.
 fn crops(
     bench: &Bench<'_>,
     crop: Crop,

@@ -1,4 +1,4 @@
-//! Cosine-weighted directions, whatever the material: a baseline of the paper's.
+//! Cosine-weighted directions for every material, a baseline of the paper.
 
 use glam::{Vec2, Vec3};
 use headtail_render::{
@@ -9,7 +9,7 @@ use headtail_render::{
     tile::Rows,
 };
 
-/// Draws as a diffuse surface asks for; `brdf` would draw by a material's own lobes.
+/// Samples every surface as a diffuse one; `brdf` samples the material's own lobes.
 pub struct CosineWeighted;
 
 const DIFFUSE: Lambert = Lambert { albedo: Vec3::ONE };
@@ -55,7 +55,7 @@ mod tests {
 
     use super::*;
 
-    /// On a diffuse surface that is BRDF sampling; on any other it stays what it is.
+    /// Equals BRDF sampling on a diffuse surface and stays cosine-weighted on others.
     #[test]
     fn every_surface_is_sampled_as_a_diffuse_one() {
         let n = Vec3A::new(0.3, 0.8, -0.4).normalize();

@@ -19,24 +19,24 @@ use crate::arguments::open_environment;
 
 /// Where maps and scenes come from.
 pub struct Data {
-    /// Names or paths of maps, the quieter ones first.
+    /// Names or paths of maps. Those of [`FIRST`] come first.
     maps: Vec<String>,
     /// Files of scenes.
     scenes: Vec<PathBuf>,
     /// Files of neural materials.
     materials: Vec<PathBuf>,
-    /// A measured material as a network, where there is one.
+    /// A measured material as a network, if present.
     fabric: Option<MaterialSpec>,
-    /// The file that it is in.
+    /// The file of `fabric`.
     measured: Option<PathBuf>,
     is_built_in: bool,
 }
 
 /// A scene with its camera.
 pub struct View {
-    /// What it is called here.
+    /// The scene's name.
     pub name: String,
-    /// What it is made of, in the words of `--material` without files.
+    /// The material's name: `--material` without its file.
     pub material: String,
     /// The surfaces.
     pub scene: Arc<Scene>,
@@ -44,24 +44,24 @@ pub struct View {
     pub camera: Camera,
 }
 
-/// Maps that come first, where they are there: one of each kind.
+/// Maps that come first if present: one of each kind.
 const FIRST: [&str; 6] = ["lebombo", "studio_small", "venice_sunset", "drachenfels", "dancing_hall", "forest_slope"];
 
-/// Words in the names of files that stand in for scenes of the paper.
+/// Words in the names of files that replace scenes of the paper.
 const STAND_INS: [(&str, &[&str]); 3] =
     [("temple", &["temple"]), ("droid", &["droid", "robot"]), ("diorama", &["diorama", "garden"])];
 
 /// Neural materials by name.
 const NEURAL_MATERIALS: [&str; 3] = ["welt", "satin", "velvet"];
 
-/// The measured material that stands for a fabric: satin of the RGL database.
+/// The measured material that replaces a fabric: satin of the RGL database.
 const FABRIC: &str = "rgl-isotropic/satin_gold_rgb";
 
 impl Data {
     /// The maps and scenes of a folder.
     ///
     /// # Errors
-    /// The folder cannot be read, or has no maps.
+    /// If the folder cannot be read or has no maps.
     pub fn open(folder: Option<&Path>, quick: bool) -> Result<Self> {
         let Some(folder) = folder else {
             let maps = ["studio", "window", "sunset", "overcast"].map(str::to_owned).to_vec();
@@ -74,7 +74,7 @@ impl Data {
         let mut maps: Vec<String> = maps.iter().map(|path| text_of(path).into_owned()).collect();
         let rank = |name: &String| FIRST.iter().position(|first| name.contains(first)).unwrap_or(FIRST.len());
         maps.sort_by_key(|name| (rank(name), name.clone()));
-        // Two maps would do for a quick page; the shadow catcher wants three.
+        // The fits of a quick page use two maps, the shadow catcher three.
         maps.truncate(if quick { 3 } else { usize::MAX });
         let own = neural_materials(&folder.join("materials"));
         let materials = if own.is_empty() { neural_materials(Path::new("checkpoints")) } else { own };
@@ -85,10 +85,11 @@ impl Data {
         Ok(Self { maps, scenes, materials, fabric, measured, is_built_in: false })
     }
 
-    /// A hash of the names and contents of all files, and of the names of built-in maps. What a scene refers to in other files is in it.
+    /// Returns a hash of the names and contents of all files (including those that scenes refer to) and of
+    /// the names of built-in maps.
     ///
     /// # Errors
-    /// A file cannot be read.
+    /// If a file cannot be read.
     pub fn key(&self) -> Result<String> {
         let maps: Vec<PathBuf> = self.maps.iter().map(|name| path_of(name)).collect();
         let mut hasher = blake3::Hasher::new();
@@ -99,14 +100,14 @@ impl Data {
                 hasher.update(blake3::hash(&contents).as_bytes());
             }
         }
-        // A scene that cannot be read is known by its own bytes, above: who needs it will say what is wrong with it.
+        // A scene that cannot be loaded is hashed as bytes above; the section that uses it reports the error.
         for scene in self.scenes.iter().filter_map(|path| Scene::load(path).ok()) {
             hasher.update(scene.content_hash().as_bytes());
         }
         Ok(hasher.finalize().to_hex().to_string())
     }
 
-    /// In words.
+    /// Describes the data in words.
     pub fn words(&self) -> String {
         match self.is_built_in {
             true => "built-in maps and scenes".into(),
@@ -114,33 +115,33 @@ impl Data {
         }
     }
 
-    /// How many maps there are.
+    /// Returns the number of maps.
     pub fn map_count(&self) -> usize {
         self.maps.len()
     }
 
-    /// A map; they repeat when there are fewer.
+    /// Opens a map; indices wrap around.
     pub fn map(&self, index: usize) -> Result<Arc<Environment>> {
         open_environment(&self.maps[index % self.maps.len()])
     }
 
-    /// A map's name, known before it is read.
+    /// Returns a map's name without reading the map.
     pub fn map_name(&self, index: usize) -> String {
         let name = &self.maps[index % self.maps.len()];
         path_of(name).file_stem().map_or_else(|| name.clone(), |stem| stem.to_string_lossy().into_owned())
     }
 
-    /// A measured fabric that a network stands for, and a head can be trained for.
+    /// Returns the measured fabric as a network for which a head can be trained.
     pub fn fabric(&self) -> Option<MaterialSpec> {
         self.fabric.clone()
     }
 
-    /// The file of a neural material.
+    /// Returns the file of a neural material.
     pub fn neural_material(&self, name: &str) -> Option<&Path> {
         self.materials.iter().find(|file| file.file_stem().is_some_and(|stem| stem == name)).map(PathBuf::as_path)
     }
 
-    /// What stands for a scene of the paper, on a ground where it is from a file, all of one material.
+    /// Loads the stand-in for a scene of the paper, all of one material. Scenes from files get a ground.
     pub fn view(&self, name: &str, material: &str) -> Result<View> {
         let words = STAND_INS.iter().find(|(own, _)| *own == name).map_or(&[][..], |(_, words)| words);
         let is_it = |path: &&PathBuf| {
@@ -161,7 +162,7 @@ impl Data {
         Ok(View { name, material: own.to_owned(), scene: Arc::new(spec.dress(scene, &bounds)?), camera })
     }
 
-    /// Something to be put into a photograph, without a ground of its own: a file, or something made of balls.
+    /// Loads an object to insert into a photograph, without a ground: from a file, or built from spheres.
     pub fn object(&self, index: usize) -> Result<(String, Scene)> {
         let wanted = ["spot", "shaderball", "robot"];
         let file = self.scenes.iter().find(|path| path.to_string_lossy().contains(wanted[index % 3]));
@@ -194,7 +195,7 @@ fn neural_materials(folder: &Path) -> Vec<PathBuf> {
     NEURAL_MATERIALS.into_iter().map(file).filter(|file| file.is_file()).collect()
 }
 
-/// The files of a subfolder (or, without one, of the folder itself) that end so, sorted.
+/// Files of a subfolder (of the folder itself if there is none) with one of these extensions, sorted.
 fn files(folder: &Path, under: &str, endings: &[&str]) -> Result<Vec<PathBuf>> {
     let own = folder.join(under);
     let folder = if is_folder(&own) { own } else { folder.to_owned() };
@@ -213,9 +214,9 @@ fn files(folder: &Path, under: &str, endings: &[&str]) -> Result<Vec<PathBuf>> {
 mod tests {
     use super::*;
 
-    /// Parts are kept for what files hold: neither size nor place says that.
+    /// Parts are cached by file contents; size and path do not identify them.
     #[test]
-    fn the_key_is_of_what_files_hold() {
+    fn key_depends_on_file_contents_but_not_on_paths() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path();
         let data = |folder: &Path| {
@@ -243,9 +244,9 @@ mod tests {
         assert_ne!(Data::open(None, true).unwrap().key().unwrap(), first);
     }
 
-    /// A scene's vertices may lie in a file beside it.
+    /// A scene's vertices may be in another file.
     #[test]
-    fn the_key_is_of_what_scenes_refer_to() {
+    fn key_depends_on_files_that_scenes_refer_to() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str| folder.path().join(name);
         let triangle = r#"{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],

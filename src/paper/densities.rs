@@ -25,12 +25,12 @@ use crate::report::{
     table::{Cell, Value},
 };
 
-/// Powers of ten of the colours.
+/// Decades that the colours span.
 const DECADES: f64 = 5.0;
-/// The colours of crosses: the normal, and the reflected view.
+/// The colours of crosses: the normal, and the reflected view direction.
 const CROSSES: [[u8; 3]; 2] = [[255, 60, 60], [255, 220, 0]];
 
-/// Densities over X or Y on a grid of `rows` times twice as many columns.
+/// Densities over X or Y on a grid of `rows` rows and `2 * rows` columns.
 pub struct Densities {
     /// Rows of the grid.
     pub rows: usize,
@@ -39,7 +39,7 @@ pub struct Densities {
 }
 
 impl Densities {
-    /// A grid.
+    /// A grid of `rows` rows.
     pub fn new(rows: usize) -> Self {
         let columns = 2 * rows;
         let at = |k: usize| Vec2::new((k % columns) as f32 + 0.5, (k / columns) as f32 + 0.5);
@@ -47,14 +47,14 @@ impl Densities {
         Self { rows, points }
     }
 
-    /// Values with the mean 1: a density over the square.
+    /// Scales values to mean 1, which makes them a density over the square.
     pub fn normalized(&self, values: impl Iterator<Item = f32>) -> Vec<f32> {
         let values: Vec<f32> = values.collect();
         let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
         values.into_iter().map(|value| (f64::from(value) / mean.max(f64::MIN_POSITIVE)) as f32).collect()
     }
 
-    /// A head's density over the square that it was trained on.
+    /// A head's density over its own square.
     pub fn of_head(&self, head: &Head, condition: &[f32]) -> Result<Vec<f32>> {
         let at = head.at(condition)?;
         Ok(at.invert(&self.points).into_iter().map(|(_, density)| density).collect())
@@ -82,7 +82,7 @@ impl Densities {
         self.points.iter().zip(reflected).map(|(&x, f)| tail.light().density(x) * f).collect()
     }
 
-    /// `KL(target || density)` in nats over an even grid; what the density leaves out counts by its smallest value.
+    /// `KL(target || density)` in nats over an even grid; densities below 1e-12 count as 1e-12.
     pub fn kl(&self, target: &[f32], density: &[f32]) -> f64 {
         let parts = target.iter().zip(density).filter(|(t, _)| **t > 0.0);
         parts.map(|(&t, &q)| f64::from(t) * (f64::from(t) / f64::from(q).max(1e-12)).ln()).sum::<f64>()
@@ -90,8 +90,8 @@ impl Densities {
     }
 }
 
-/// Points of X that a tail carries an even grid over Y to: there are as many as there is light. An even grid over X would step over suns, and take
-/// what it found of them for all of the light.
+/// Points of X that are the images of an even grid over Y under a tail, hence distributed as the light. An
+/// even grid over X would miss suns or overweight them.
 pub struct Carried {
     at: Densities,
     /// `|dx/dy|` at each.
@@ -99,14 +99,14 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// Points of a grid with so many rows.
+    /// Points of a grid of `rows` rows.
     pub fn new(rows: usize, tail: &Tail) -> Self {
         let grid = Densities::new(rows);
         let (points, jacobians) = tail.forward_points(&grid.points).into_iter().unzip();
         Self { at: Densities { rows, points }, jacobians }
     }
 
-    /// Values at the points times the area that each stands for, without those where there is no light.
+    /// Values times the area of each point; 0 where a value is not positive.
     fn weights(&self, values: &[f32]) -> Vec<f64> {
         let weight = |(&t, &jacobian): (&f32, &f32)| if t > 0.0 { f64::from(t) * f64::from(jacobian) } else { 0.0 };
         values.iter().zip(&self.jacobians).map(weight).collect()
@@ -117,8 +117,8 @@ impl Carried {
         self.weights(values).iter().sum::<f64>() / values.len() as f64
     }
 
-    /// `KL(target || density)` in nats of values at the points, of which the target's need not be normalised; what the density leaves out counts by its
-    /// smallest value.
+    /// `KL(target || density)` in nats of values at the points. The target need not be normalised; densities
+    /// below 1e-12 count as 1e-12.
     pub fn kl(&self, target: &[f32], density: &[f32]) -> f64 {
         let (mean, weights) = (self.mean(target), self.weights(target));
         let lit = weights.iter().zip(target).zip(density).filter(|((weight, _), _)| **weight > 0.0);
@@ -127,7 +127,7 @@ impl Carried {
     }
 }
 
-/// A point of a surface, with what its BRDF is looked up in.
+/// A point of a surface with the BRDFs of its scene.
 #[derive(Clone, Copy)]
 pub struct Surface<'a> {
     /// The point.
@@ -136,10 +136,10 @@ pub struct Surface<'a> {
     pub brdfs: &'a BrdfTable,
 }
 
-/// What a row of densities shows beside the target.
+/// The densities that a row shows beside the target.
 #[derive(Clone, Copy)]
 pub struct Models<'a> {
-    /// A head over the tail: its intermediate and its final density.
+    /// A head over the tail: its intermediate and final densities.
     pub head: Option<&'a Head>,
     /// A head without a tail.
     pub naive: Option<&'a Head>,
@@ -147,7 +147,8 @@ pub struct Models<'a> {
     pub samplers: &'a [(&'a str, &'a dyn Sampler)],
 }
 
-/// A row of pictures with its scales, and what its files are called: the target, and what comes near to it. Returns the divergences from the target in nats, by name.
+/// Adds a row of pictures with its scales under a file name: the target and the densities of the models.
+/// Returns each model's name and KL divergence from the target in nats.
 pub fn row(
     (made, name): (&mut Made, &str),
     rows: usize,
@@ -194,7 +195,7 @@ pub fn row(
     Ok(divergences)
 }
 
-/// A line of divergences for a table: its name, and each in the order of the row.
+/// A table row of divergences: its name, then one cell per model.
 pub fn line(name: impl Into<String>, divergences: &[(String, f64)]) -> Vec<Cell> {
     let numbers = divergences.iter().map(|(_, kl)| Value::Number(*kl, 3).into());
     std::iter::once(Cell::text(name)).chain(numbers).collect()
@@ -219,7 +220,7 @@ pub fn with_cross(png: &[u8], at: (usize, usize), color: [u8; 3]) -> Result<Vec<
     Ok(encode_png_rgb8(image.width, image.height, &pixels)?)
 }
 
-/// A cross of seven pixels across, which goes around at the sides.
+/// Draws a cross of 7 x 7 pixels; columns wrap around.
 fn cross(pixels: &mut [[u8; 3]], (width, height): (usize, usize), (x, y): (usize, usize), color: [u8; 3]) {
     for k in -3_i32..=3 {
         for (dx, dy) in [(k, 0), (0, k)] {
@@ -239,10 +240,10 @@ mod tests {
 
     use super::*;
 
-    /// A surface that faces the sun of a map with one: emitter sampling draws by the light alone, `q = l`, so that the divergence is the mean of
-    /// `(f / Z) ln(f / Z)` over the light, with the cosine `f`.
+    /// A surface faces the sun. Emitter sampling is proportional to the light alone, `q = l`, so the
+    /// divergence is the mean of `(f / Z) ln(f / Z)` over the light with the cosine `f`.
     #[test]
-    fn divergences_count_the_light_of_a_sun() {
+    fn divergences_account_for_the_light_of_a_sun() {
         let map = std::sync::Arc::new(built_in("sunset").unwrap());
         let light = EnvironmentLight::new(map, TailKind::Hierarchical).unwrap();
         let tail = light.tail();
@@ -251,7 +252,7 @@ mod tests {
         let point = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface };
         let brdfs = BrdfTable::default();
         let at = Surface { point: &point, brdfs: &brdfs };
-        // Over Y by other points, ten times as many.
+        // The reference integrates over Y with other points, about ten times the number.
         let cosines = Densities::new(500).points;
         let cosines = tail.forward_points(&cosines);
         let cosines: Vec<f64> = cosines.iter().map(|(x, _)| f64::from(latlong::direction(*x).y.max(0.0))).collect();
@@ -261,7 +262,7 @@ mod tests {
         let emitter = EmitterSampler::new(light.clone());
         let carried = Carried::new(160, tail);
         let kl = carried.kl(&carried.at.target(tail, &at), &carried.at.of_sampler(&emitter, &at));
-        // Midpoints of a bounded function with a jump of its slope at the horizon: off by a cell's share of it, 1e-3.
+        // The midpoint rule for a bounded function with a kink at the horizon has an error near 1e-3.
         assert!((kl - expected).abs() < 2e-3 * expected.max(1.0), "{kl} {expected}");
     }
 }

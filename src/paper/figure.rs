@@ -1,4 +1,4 @@
-//! Parts of figures: rows of pictures, and what their colours mean.
+//! Parts of figures: rows of pictures and their colour scales.
 
 use anyhow::Result;
 use headtail_render::image::encode_png_rgb8;
@@ -11,41 +11,41 @@ use crate::report::{
     vector::Drawing,
 };
 
-/// What figures need beyond the style of all pages.
+/// Styles for figures, in addition to those of all pages.
 pub const STYLE: &str = include_str!("figure.css");
 
-/// A picture with what stands under it.
+/// A picture with its caption.
 pub struct Panel {
     /// A `data:` address.
     address: String,
     /// Its name.
     name: String,
-    /// A figure or two; may be empty.
+    /// One or two figures; may be empty.
     note: String,
-    /// Columns over rows.
+    /// Width divided by height.
     aspect: f64,
 }
 
 impl Panel {
-    /// A panel.
+    /// A panel from a PNG.
     pub fn new(png: &[u8], name: impl Into<String>, note: impl Into<String>) -> Self {
-        // Width and height stand at the beginning of a PNG.
+        // A PNG's header has its width at byte 16 and its height at byte 20.
         let size =
             |at: usize| png.get(at..at + 4).map_or(1.0, |b| f64::from(u32::from_be_bytes([b[0], b[1], b[2], b[3]])));
         Self { address: data_address(png), name: name.into(), note: note.into(), aspect: size(16) / size(20) }
     }
 }
 
-/// How a row of pictures lies.
+/// Layout of a row of pictures.
 #[derive(Clone, Copy)]
 pub enum Layout {
     /// Four side by side.
     Four,
     /// Five side by side.
     Five,
-    /// As many as there are.
+    /// All in one row.
     Wide,
-    /// Small ones, their pixels to be seen.
+    /// Small ones with visible pixels.
     Crops,
 }
 
@@ -70,29 +70,29 @@ impl Layout {
     }
 }
 
-/// Pictures side by side, with what their colours mean.
+/// A row of pictures with their colour scales.
 pub struct Strip<'a> {
-    /// How they lie.
+    /// The layout.
     pub layout: Layout,
     /// The pictures.
     pub panels: Vec<Panel>,
-    /// What the colours of scales mean; empty for pictures as they are seen.
+    /// Colour scales with their labels; empty for photographs and renderings.
     pub scales: Vec<(Scale, &'a str)>,
 }
 
 /// Width of the drawing of a strip.
 const WIDTH: f64 = 1000.0;
-/// Between pictures.
+/// Gap between pictures.
 const GAP: f64 = 10.0;
-/// Between lines of text.
+/// Height of a line of text.
 const LINE: f64 = 16.0;
 /// Width of a letter.
 const LETTER: f64 = 7.4;
-/// Width of what says what colours mean.
+/// Width of a colour scale's legend.
 const LEGEND: f64 = 260.0;
 
 impl Strip<'_> {
-    /// As a part of the page.
+    /// Returns the strip as HTML for the page.
     pub fn html(&self) -> String {
         let strip = html! {
             div.figure.(self.layout.class()) {
@@ -118,7 +118,7 @@ impl Strip<'_> {
         strip.into_string()
     }
 
-    /// As a drawing of its own.
+    /// Returns the strip as a separate drawing.
     ///
     /// # Errors
     /// If a picture cannot be encoded.
@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_of_pictures_is_a_drawing_with_all_that_the_page_says() {
+    fn strip_drawing_contains_all_captions_and_scales() {
         let values = [1.0, 0.1, 0.01, 0.5];
         let scale = Scale { top: 1.0, decades: 2.0 };
         let panel = |name: &str| {

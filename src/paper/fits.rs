@@ -26,7 +26,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
          marks the normal (red) and the reflected view (yellow). <span class=\"paper\">The paper shows six maps with one of three materials each, and gives no figures.</span></p>\n";
     let mut parts = Vec::new();
     for index in 0..workshop.effort.maps.min(workshop.data.map_count()) {
-        // A measured material, a network, is fitted for the map that the other sections have.
+        // A measured material is fitted as a network for the map of the other sections.
         let measured = workshop.data.fabric().filter(|_| index == 0);
         for material in materials().into_iter().chain(measured) {
             let cost =
@@ -38,12 +38,12 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
     (intro.to_owned(), parts)
 }
 
-/// What the paper's three kinds of material are here, but for the neural ones.
+/// Stand-ins for the paper's kinds of material, without neural ones.
 fn materials() -> [MaterialSpec; 3] {
     [MaterialSpec::LAMBERT, MaterialSpec::ggx(0.4, 0.4), MaterialSpec::ggx(0.2, 0.8)]
 }
 
-/// A material's name; of a measured or neural one without its file.
+/// A material's name; for measured and neural ones, without the path.
 pub fn short_name(material: &MaterialSpec) -> String {
     if let MaterialSpec::Neural(spec) = material {
         return spec.file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
@@ -74,7 +74,7 @@ fn fit(workshop: &Workshop, index: usize, material: &MaterialSpec) -> Result<Mad
     Ok(made)
 }
 
-/// A random surface that sees some light: its normal is above the horizon.
+/// A random surface whose normal is above the horizon, so that it receives some light.
 fn condition(material: &MaterialSpec, random: &mut Stream) -> Result<(ShadingPoint, BrdfTable)> {
     let n = random.direction();
     let n = Vec3A::new(n.x, n.y.abs(), n.z);

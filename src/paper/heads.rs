@@ -1,4 +1,4 @@
-//! Trained heads, each trained once and kept in a file.
+//! Trained heads, each trained once and cached in a file.
 
 use std::{
     path::{Path, PathBuf},
@@ -51,14 +51,14 @@ pub struct Trained {
 }
 
 impl Heads {
-    /// Those in a folder.
+    /// Heads in `folder`.
     pub fn new(folder: &Path, effort: Effort, stop: Arc<AtomicBool>) -> Result<Self> {
         make_folder(folder)?;
         Ok(Self { folder: folder.to_owned(), effort, stop, naive: Mutex::default(), flows: Mutex::default() })
     }
 
-    /// How a head is trained that stands for the paper's: this program's fast preset, without the share beside BRDF sampling that it would learn but for
-    /// neural materials over surfaces.
+    /// Returns the training configuration of a head: the fast preset, with a learned mixture weight for BRDF
+    /// sampling only for neural materials over surfaces.
     pub fn config(&self, material: &MaterialSpec) -> FitConfig {
         let mut config = Preset::fast_for(material).config().for_material(material.clone());
         config.head.share &= condition_of(material) == Condition::Texture;
@@ -68,7 +68,7 @@ impl Heads {
         config
     }
 
-    /// The head of a material for a map: from its file, or trained now.
+    /// Returns the head of a material for a map, from its file or newly trained.
     ///
     /// # Errors
     /// See [`fit()`]; an interrupted training is an error.
@@ -77,7 +77,7 @@ impl Heads {
         self.seen(environment, material, &name, || Ok(Viewpoints::Sphere))
     }
 
-    /// The head of a neural material for what a camera sees under a map.
+    /// Returns the head of a neural material for the surfaces that a camera sees under a map.
     ///
     /// # Errors
     /// As [`Self::of`], and if the camera sees nothing.
@@ -88,7 +88,7 @@ impl Heads {
         self.seen(environment, material, &name, viewpoints)
     }
 
-    /// NeuSample's flow for a neural material: from its file, or trained now.
+    /// Returns the file of NeuSample's flow for a neural material, training it if needed.
     ///
     /// # Errors
     /// See [`fit_rival`]; an interrupted training is an error.
@@ -141,7 +141,7 @@ impl Heads {
         Ok(Trained { head: native_head(&fitted.head)?, file, seconds: fitted.summary.seconds })
     }
 
-    /// The head of a material for a map without a tail, trained once in the life of the program.
+    /// Returns a head without a tail, cached in memory by map and material.
     ///
     /// # Errors
     /// As [`Self::of`].
@@ -158,7 +158,7 @@ impl Heads {
         Ok(head)
     }
 
-    /// A head that has no file: without a tail, or for a target of its own.
+    /// Trains a head that has no file: without a tail, or for a custom target.
     ///
     /// # Errors
     /// As [`Self::of`].
@@ -168,7 +168,7 @@ impl Heads {
         Ok((native_head(&fitted.head)?, fitted.summary))
     }
 
-    /// The tail of a configuration; a flow tail is fitted once for a map in the life of the program.
+    /// Returns the tail of a configuration. Flow tails are cached in memory by map.
     ///
     /// # Errors
     /// As [`Self::of`].
@@ -189,7 +189,7 @@ impl Heads {
         Ok(tail)
     }
 
-    /// The configuration of a head without a tail, of the same size.
+    /// The configuration of a head of the same size without a tail.
     pub fn naive(&self, material: &MaterialSpec) -> FitConfig {
         FitConfig { naive: true, loss: Loss::ForwardKl, learning_rate: 4e-3, ..self.config(material) }
     }
@@ -202,7 +202,7 @@ impl Heads {
     }
 }
 
-/// What tells materials of one name apart: the first letters of the hash of their file; nothing for analytic ones.
+/// Distinguishes materials of one name: the first eight digits of their file's hash; empty for analytic ones.
 fn identity(material: &MaterialSpec) -> Result<String> {
     let file = match material {
         MaterialSpec::Lambert { .. } | MaterialSpec::Ggx { .. } => return Ok(String::new()),

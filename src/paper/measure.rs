@@ -1,4 +1,4 @@
-//! Renderings of samplers against a reference, as rows of the report.
+//! Renders samplers against a reference.
 
 use std::{collections::BTreeMap, sync::Arc};
 
@@ -22,7 +22,7 @@ pub struct Bench<'a> {
     pub reference: Image,
     /// `[height * width]` pixels that surfaces cover entirely.
     pub measured: Vec<bool>,
-    /// Stops that show the reference well.
+    /// Exposure of the reference in stops.
     pub exposure: f32,
 }
 
@@ -40,7 +40,7 @@ impl<'a> Bench<'a> {
         Ok(Self { workshop, name, view, measured_against, reference, measured, exposure })
     }
 
-    /// All runs at the numbers of samples, and the first picture of each sampler at `shown`.
+    /// Runs every sampler at each number of samples, and returns the first picture of each at `shown`.
     pub fn measure(&self, entries: &[Entry], spp: &[u32], shown: u32) -> Result<(Vec<Measurement>, Vec<Image>)> {
         let mut images = BTreeMap::new();
         let plan = Plan {
@@ -66,7 +66,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// What a sampler makes of the time that others take.
+/// A sampler's result at equal time.
 pub struct EqualTime {
     /// Samples per pixel.
     pub spp: u32,
@@ -77,8 +77,8 @@ pub struct EqualTime {
 }
 
 impl Bench<'_> {
-    /// All samplers in the time that the slowest of them takes for `least` samples per pixel. Times of a sample are the least of `rows` at `timed` samples:
-    /// whatever else the machine does makes them longer.
+    /// Renders all samplers in the time that the slowest takes for `least` samples per pixel. A sampler's
+    /// time is the minimum over its `rows` at `timed` samples, since other load only makes runs longer.
     pub fn equal_time(
         &self,
         entries: &[Entry],
@@ -101,14 +101,14 @@ impl Bench<'_> {
         entries.iter().zip(seconds).map(equal).collect()
     }
 
-    /// What the middle of a pixel shows.
+    /// Intersects the ray through a pixel's centre.
     pub fn surface_of(&self, pixel: usize) -> Option<ShadingPoint> {
         let (width, height) = (self.reference.width, self.reference.height);
         let (x, y) = ((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
         self.view.scene().intersect(&self.view.view().camera.ray(x, y, width, height))
     }
 
-    /// `[height * width]` measured pixels whose surface has a BRDF of its own, no analytic one; all measured pixels where there are none.
+    /// `[height * width]` measured pixels whose BRDF is not analytic; all measured pixels if there are none.
     pub fn special(&self) -> Vec<bool> {
         let is_special = |k: usize| {
             self.measured[k] && self.surface_of(k).is_some_and(|point| point.surface.brdf > METALLIC_ROUGHNESS)
@@ -117,7 +117,7 @@ impl Bench<'_> {
         if special.contains(&true) { special } else { self.measured.clone() }
     }
 
-    /// The one of the chosen pixels that is nearest to a place.
+    /// Returns the chosen pixel nearest to `(x, y)`.
     pub fn nearest(&self, chosen: &[bool], x: usize, y: usize) -> Option<usize> {
         let width = self.reference.width;
         let distance = |k: &usize| (k % width).abs_diff(x).pow(2) + (k / width).abs_diff(y).pow(2);

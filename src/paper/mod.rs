@@ -1,4 +1,4 @@
-//! `headtail paper`: every table and figure of the paper in terms of this program, on one page.
+//! `headtail paper`: reproduces every table and figure of the paper on one page.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -6,10 +6,10 @@
 //! | `ablation.rs`, `costs.rs` | the parts of the model; costs |
 //! | `bias.rs`, `passes.rs` | the bias of the mask; one pass against two |
 //! | `fits.rs`, `two_dimensions.rs` | densities of all fits; the two-dimensional example |
-//! | `part.rs`, `heads.rs` | parts and trained heads, each made once and kept |
-//! | `comparison.rs`, `measure.rs`, `cosine_weighted.rs` | a view by several samplers |
+//! | `part.rs`, `heads.rs` | parts and trained heads, each computed once and cached |
+//! | `comparison.rs`, `measure.rs`, `cosine_weighted.rs` | comparison of samplers in a view |
 //! | `densities.rs`, `shot.rs`, `figure.rs` | code that sections share |
-//! | `data.rs`, `effort.rs` | maps and scenes; how much is computed |
+//! | `data.rs`, `effort.rs` | maps and scenes; sizes of the computations |
 
 mod ablation;
 mod bias;
@@ -65,7 +65,8 @@ use crate::{
     report::{number::duration, shell},
 };
 
-/// Make every table and figure of the paper on one page, DIR/paper.html, with the paper's numbers beside ours where its text states them.
+/// Make every table and figure of the paper on one page.
+/// Writes DIR/paper.html, with the paper's numbers where its text states them.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail paper --quick --out out/paper
@@ -76,27 +77,29 @@ use crate::{
 goes on where it was: heads and finished parts of sections are kept in DIR/heads and DIR/sections, the page shows those that are done. Without --data, maps and scenes are the \
 built-in ones. Of --data the folders envmaps (.hdr, .exr), scenes (.glb, .gltf), nbrdf (nbrdf_all.f32) and materials (welt, satin and velvet.safetensors; else those of ./checkpoints) are used.")]
 pub struct Arguments {
-    /// Folder of maps and scenes.
+    /// Read maps and scenes from this folder.
+    /// Default: the built-in ones.
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
-    /// Fewer maps, smaller pictures, shorter training.
+    /// Use fewer maps, smaller pictures and shorter training.
     #[arg(long)]
     quick: bool,
-    /// Make only sections whose name contains this text; may be repeated. What is there of others is shown.
+    /// Make only sections whose name contains this text; repeatable.
+    /// Finished parts of other sections stay on the page.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
-    /// Threads. Default: all cores.
+    /// Use this many threads. Default: all cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Print the figures of all tables as a JSON object.
     #[arg(long)]
     json: bool,
-    /// Folder for the results.
+    /// Write the results to this folder.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-/// What parts are made with.
+/// Context of all parts: data, sizes, heads and the stop flag.
 pub struct Workshop {
     data: Data,
     effort: Effort,
@@ -105,13 +108,13 @@ pub struct Workshop {
 }
 
 impl Workshop {
-    /// A rendering, cut short by a signal.
+    /// Renders a view; a signal stops it early.
     fn render(&self, view: View<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> Rendering {
         let points = Points::new(PointSet::Sobol, seed);
         integrator::render(view, estimator, Budget::Spp(spp), points, &self.stop, &|_| {})
     }
 
-    /// An error once a signal has come: nothing of an unfinished part is kept.
+    /// Fails after a signal, so that an unfinished part is not cached.
     fn check(&self) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {
             bail!(progress::Interrupted::new("the same command goes on with the part that was being made"));
@@ -124,7 +127,7 @@ impl Workshop {
 struct Section {
     name: &'static str,
     title: &'static str,
-    /// What is said before its parts, as HTML.
+    /// Text before the parts, as HTML.
     intro: String,
     parts: Vec<Part>,
 }
@@ -143,7 +146,7 @@ fn sections(workshop: &Workshop) -> Vec<Section> {
     ]
 }
 
-/// Makes all parts that are not there yet, and the page after each.
+/// Makes all missing parts and rewrites the page after each.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         terminal::only_data();
@@ -155,7 +158,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let data = Data::open(arguments.data.as_deref(), arguments.quick)?;
     let effort = if arguments.quick { Effort::QUICK } else { Effort::FULL };
     let stamp = format!("{} {} {effort:?}", env!("CARGO_PKG_VERSION"), data.key()?);
-    // Whatever --only names: what it adds stands beside what is there.
+    // `--only` is not part of the request: its sections are added to those in the folder.
     let request = request_of(["paper", &stamp].map(Into::into).into_iter());
     let output = OutputFolder::take_for(&arguments.out, &["paper.html"], request)?;
     let folder = arguments.out.join("sections");
@@ -186,7 +189,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let name = format!("{}: {}", section.name, part.name);
         bar.set_message(&name);
         let kept = part.make(&workshop, &stamp).with_context(|| name.clone())?;
-        // A signal cuts renderings short: what came of them is no figure.
+        // A signal stops renderings early; their figures are invalid.
         workshop.check()?;
         kept.write(&folder, section.name, &part.name)?;
         draw(&kept)?;
@@ -209,7 +212,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The page with the parts that are there.
+/// The page with its finished parts.
 struct Page {
     sections: Vec<Section>,
     /// `[section][part]`.
@@ -217,14 +220,14 @@ struct Page {
 }
 
 impl Page {
-    /// Wanted parts that are not there, as indices of section and part.
+    /// Wanted parts that are missing, as indices of section and part.
     fn missing(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(usize, usize)> {
         let sections = self.sections.iter().zip(&self.kept).enumerate();
         let wanted = sections.filter(|(_, (section, _))| is_wanted(section.name));
         wanted.flat_map(|(k, (_, kept))| (0..kept.len()).filter(|&j| kept[j].is_none()).map(move |j| (k, j))).collect()
     }
 
-    /// Says what is to be done, and about how long it takes on idle cores.
+    /// Logs the number of missing parts and an estimate of their time on idle cores.
     fn announce(&self, missing: &[(usize, usize)]) {
         let threads = rayon::current_num_threads();
         let seconds: f64 = missing.iter().map(|&(k, j)| self.sections[k].parts[j].cost).sum();
@@ -288,7 +291,7 @@ impl Page {
         }
     }
 
-    /// All figures.
+    /// All figures by section and part.
     fn json(&self) -> Vec<Value> {
         let section = |(section, kept): (&Section, &Vec<Option<Kept>>)| {
             let parts = section.parts.iter().zip(kept).filter_map(|(part, kept)| {
@@ -301,7 +304,7 @@ impl Page {
     }
 }
 
-/// How much of a section is there, unless all is.
+/// The number of finished parts, unless all are.
 fn progress_of(kept: &[Option<Kept>]) -> Markup {
     let there = kept.iter().flatten().count();
     html! { @if there < kept.len() { small { " (" (there) " of " (kept.len()) " parts)" } } }

@@ -23,7 +23,7 @@ use super::{
 };
 use crate::cost;
 
-/// Scene, material, and how often its tile is repeated.
+/// Scene, material, and number of repetitions of its tile.
 const FABRICS: [(&str, &str, u32); 3] = [("bedroom", "welt", 24), ("cloth", "satin", 20), ("cloth", "velvet", 12)];
 
 /// The section.

@@ -1,4 +1,4 @@
-//! Parts of sections: each is made, kept and shown by itself.
+//! Parts of sections, each computed, cached and shown separately.
 
 use std::{
     fs,
@@ -21,14 +21,14 @@ use crate::{
     },
 };
 
-/// What makes a part.
+/// Computes a part.
 type Make = Box<dyn Fn(&Workshop) -> Result<Made>>;
 
-/// Something of a section that is made at once.
+/// A part of a section, computed as a whole.
 pub struct Part {
     /// Unique in its section.
     pub name: String,
-    /// Roughly the seconds that one core takes.
+    /// Estimated seconds on one core.
     pub cost: f64,
     make: Make,
 }
@@ -39,10 +39,10 @@ impl Part {
         Self { name: name.into(), cost, make: Box::new(make) }
     }
 
-    /// Makes it.
+    /// Computes the part.
     ///
     /// # Errors
-    /// Whatever stands in the way of it; [`crate::progress::Interrupted`] after a signal.
+    /// Any error of the part; [`crate::progress::Interrupted`] after a signal.
     pub fn make(&self, workshop: &Workshop, stamp: &str) -> Result<Kept> {
         let start = Instant::now();
         let made = (self.make)(workshop)?;
@@ -50,22 +50,22 @@ impl Part {
     }
 }
 
-/// What a part came to.
+/// The output of a part.
 #[derive(Default, Serialize, Deserialize)]
 pub struct Made {
-    /// What the page shows.
+    /// HTML for the page.
     pub html: String,
-    /// The same in figures.
+    /// The same as data.
     pub tables: Vec<Figures>,
     /// Its rows of pictures.
     #[serde(default)]
     pub drawings: Vec<SavedDrawing>,
 }
 
-/// A drawing, to be saved beside the page.
+/// A drawing that is saved beside the page.
 #[derive(Serialize, Deserialize)]
 pub struct SavedDrawing {
-    /// What its files are called.
+    /// Stem of its file name.
     name: String,
     svg: String,
 }
@@ -76,11 +76,11 @@ const FIGURES: &str = "figures";
 impl SavedDrawing {
     /// Its file.
     fn path(&self, out: &Path) -> PathBuf {
-        // Only names, so that a file from elsewhere cannot lead out of the folder.
+        // Only the file name is used, so that an edited cache file cannot write outside the folder.
         out.join(FIGURES).join(Path::new(&self.name).file_name().unwrap_or_default()).with_extension("svg")
     }
 
-    /// Writes it as SVG into a folder of its own in `out`, unless it is there.
+    /// Writes the drawing as SVG into `out`/figures, unless the file is up to date.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -102,12 +102,12 @@ pub struct Figures {
 }
 
 impl Made {
-    /// What is shown without figures.
+    /// Output without data.
     pub fn of(html: String) -> Self {
         Self { html, ..Self::default() }
     }
 
-    /// Adds pictures side by side, with links to their files of this name.
+    /// Adds a row of pictures with a link to its SVG file of this name.
     ///
     /// # Errors
     /// If a picture cannot be encoded.
@@ -123,7 +123,7 @@ impl Made {
         Ok(())
     }
 
-    /// Adds figures that are shown otherwise: the first column words, all others numbers.
+    /// Adds data without showing it as a table. The first column is text, the others are numbers.
     pub fn figures(&mut self, name: &str, head: &[&str], rows: &[Vec<Cell>]) {
         let named =
             |row: &Vec<Cell>| head.iter().zip(row).map(|(title, cell)| ((*title).to_owned(), cell.json())).collect();
@@ -131,7 +131,7 @@ impl Made {
         self.tables.push(Figures { name: name.to_owned(), rows: data });
     }
 
-    /// Adds figures as a table. The name is that of the files that it is saved as.
+    /// Adds a table to the page and to the data; `name` is the stem of its saved files.
     pub fn table(&mut self, name: &str, head: &[&str], rows: Vec<Vec<Cell>>) {
         self.figures(name, head, &rows);
         let columns = head.iter().enumerate().map(|(k, title)| match k {
@@ -142,14 +142,14 @@ impl Made {
     }
 }
 
-/// A part that was made.
+/// A cached part.
 #[derive(Serialize, Deserialize)]
 pub struct Kept {
-    /// What it depends on.
+    /// Key of the version, data and effort.
     stamp: String,
-    /// Seconds that it took.
+    /// Seconds that the part took.
     pub seconds: f64,
-    /// What it came to.
+    /// The part's output.
     pub made: Made,
 }
 
@@ -159,7 +159,7 @@ impl Kept {
         folder.join(format!("{section}--{name}.json"))
     }
 
-    /// Removes parts of other data or of another effort, and their figures in `out`: those of this one take their place.
+    /// Removes parts of other data or effort, and their drawings in `out`.
     ///
     /// # Errors
     /// If a file cannot be removed.
@@ -174,13 +174,13 @@ impl Kept {
         Ok(())
     }
 
-    /// A part that was made before with the same stamp.
+    /// Reads a cached part with the same stamp.
     pub fn read(folder: &Path, section: &str, part: &str, stamp: &str) -> Option<Self> {
         let kept: Self = serde_json::from_slice(&fs::read(Self::path(folder, section, part)).ok()?).ok()?;
         (kept.stamp == stamp).then_some(kept)
     }
 
-    /// Keeps it.
+    /// Writes the part to the cache.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -196,7 +196,7 @@ mod tests {
     use crate::report::vector::Drawing;
 
     #[test]
-    fn parts_of_other_data_go_with_their_figures() {
+    fn parts_with_another_stamp_are_removed_with_their_drawings() {
         let out = tempfile::tempdir().unwrap();
         let folder = out.path().join("sections");
         make_folder(&folder).unwrap();

@@ -1,4 +1,4 @@
-//! What one pass gains over two.
+//! Compares masks of one pass with masks of two.
 
 use anyhow::Result;
 use headtail_render::{
@@ -19,9 +19,9 @@ use crate::report::{
 
 /// Shadow rays per pixel of the catcher.
 const RAYS: u32 = 16;
-/// Runs at most.
+/// Maximum number of runs.
 const RUNS: u32 = 4;
-/// How many times the samples of a mask without noise the reference has where the catcher shadows itself.
+/// Samples of the reference relative to `mask_spp` where the catcher shadows itself.
 pub const OWN_SHADOW: u32 = 8;
 /// The forms that are compared.
 const FORMS: [&str; 4] = ["two passes", "one pass, paper", "one pass, ratio", "one pass, control variate"];
@@ -32,7 +32,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
     let (truth, film) = if shot.stage.is_plane() {
         shot.two_passes(backdrop, &*best, 2 * workshop.effort.mask_spp, 99)
     } else {
-        // Where a mesh hides nearly all light from itself, a quotient of two passes divides by noise; the same samples above and below do not.
+        // Where a mesh blocks most of its own light, the quotient of two passes divides by noise; the ratio
+        // of one pass uses the same samples in numerator and denominator.
         let learns = "patches+vis".parse::<SamplerSpec>()?.build(&shot.environment)?;
         let film = shot.film(backdrop, &*learns, shot.settings(OWN_SHADOW * workshop.effort.mask_spp, 99));
         (Mask::of(&film, MaskForm::Ratio), film)
@@ -79,7 +80,8 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
     Ok(())
 }
 
-/// How good the reference is, in words: its difference from other masks of the same samples; and what it is worth that it has colours.
+/// Describes the reference: its difference from other masks of the same samples, and the error of a single
+/// grey mask.
 fn reference(shot: &Shot, truth: &Truth, film: &Film) -> String {
     let apart = |mask: &Mask| Errors::of(mask, truth, &shot.photograph);
     let variate = apart(&Mask::of(film, MaskForm::ControlVariate));

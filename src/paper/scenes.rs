@@ -28,7 +28,7 @@ use super::{
 use crate::cost;
 use crate::report::{chart::Scale, number::text, table::Cell};
 
-/// Temple and dishware.
+/// Temple, dishware and diorama with diffuse surfaces.
 pub fn cosine(workshop: &Workshop) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">Diffuse surfaces, 4 samples per pixel with at most one shadow ray each. \u{201c}head\u{201d} is a small network (K = 4, no encoder) over a \
          hierarchical tail, \u{201c}baked 8\u{d7}8\u{201d} its table over 16 \u{d7} 32 normals, \u{201c}patches\u{201d} this program's closed form, which needs no training. \
@@ -59,7 +59,7 @@ fn diffuse(workshop: &Workshop, name: &str, map: usize) -> Result<Made> {
     compare(workshop, &subject, heading(&format!("{} under {}", subject.view.name, subject.environment.name())))
 }
 
-/// The droid with a fixed and with a textured roughness.
+/// The droid with one and with textured roughness.
 pub fn microfacet(workshop: &Workshop) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">Trowbridge\u{2013}Reitz reflection, f0 = 1, 4 samples per pixel with at most one shadow ray each. <span class=\"paper\">The paper: at fixed \
          roughness (0.4) its head easily outperforms MIS and RIS-4 at equal time; with roughness as a condition (0.2 to 0.8) it outperforms MIS but not RIS at equal time, and \
@@ -91,17 +91,17 @@ fn glossy(workshop: &Workshop, material: &MaterialSpec) -> Result<Made> {
     compare(workshop, &subject, heading(&title))
 }
 
-/// One-sample MIS and resampling of four candidates.
+/// One-sample MIS, and RIS with four candidates.
 pub fn baselines(environment: &Arc<Environment>) -> Result<Vec<Entry>> {
     Ok(vec![entry("mis", &SamplerSpec::mis(), environment)?, entry("ris:4", &SamplerSpec::ris(4), environment)?])
 }
 
-/// A sampler by its description.
+/// Builds a sampler from its spec.
 pub fn entry(name: &str, spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Entry> {
     Ok(Entry::new(name, spec.build(environment)?))
 }
 
-/// The paper's figure of intermediate densities: a head's, and those of its tables.
+/// The paper's figure of intermediate densities: of a head and of its tables.
 fn intermediate(workshop: &Workshop) -> Result<Made> {
     let environment = workshop.data.map(0)?;
     let head: Head = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?.head;
@@ -134,7 +134,7 @@ fn intermediate(workshop: &Workshop) -> Result<Made> {
     Ok(made)
 }
 
-/// A head's table of `side` x `side` cells over the paper's normals.
+/// A head baked to `side` x `side` cells over the paper's normals.
 pub fn baked(file: &Path, environment: &Arc<Environment>, side: usize) -> Result<Box<dyn Estimator>> {
     let exported = ExportedSampler::read(file)?;
     let Intermediate::Head(head) = &exported.intermediate else { bail!("{}: not a head", file.display()) };

@@ -14,14 +14,14 @@ use headtail_render::{
 
 use super::Workshop;
 
-/// The largest width: masks are smooth, and their references long.
+/// Maximum width of photographs: masks are smooth, and their references expensive.
 const MAX_WIDTH: usize = 240;
-/// Below this a mask is in shadow.
+/// A mask below this value is in shadow.
 pub const IN_SHADOW: f32 = 0.98;
 
 /// An object before a rectified view of a map.
 pub struct Shot {
-    /// What the object is called.
+    /// The object's name.
     pub name: String,
     /// The light.
     pub environment: Arc<Environment>,
@@ -29,14 +29,14 @@ pub struct Shot {
     pub stage: Stage,
     /// The photograph's camera.
     pub camera: Camera,
-    /// What the object is put into.
+    /// The photograph behind the object.
     pub photograph: Photograph,
-    /// Set by a signal, which cuts films short.
+    /// Stops films early; set by a signal.
     pub stop: Arc<AtomicBool>,
 }
 
 impl Shot {
-    /// An object before a rectified view of a map, on a plane.
+    /// Places an object on a plane before a rectified view of a map.
     pub fn new(workshop: &Workshop, index: usize) -> Result<Self> {
         let environment = workshop.data.map(index)?;
         let (name, scene) = workshop.data.object(index)?;
@@ -55,31 +55,32 @@ impl Shot {
         Ok(Self { name, environment, stage, camera, photograph, stop: workshop.stop.clone() })
     }
 
-    /// What the catcher looks like, and its light: of a mesh for all normals, which takes some time.
+    /// Computes the catcher's appearance and irradiance. A mesh needs all normals, which takes longer.
     pub fn backdrop(&self) -> Backdrop<'_> {
         Backdrop::new(&self.stage, &self.environment, &self.photograph, self.camera, Vec3A::ONE)
     }
 
-    /// One pass.
+    /// Renders one pass.
     pub fn film(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, settings: Settings) -> Film {
         let composition = Composition { stage: &self.stage, backdrop, camera: &self.camera, estimator };
         compose(composition, settings, &self.stop, &|_| {})
     }
 
-    /// The mask alone.
+    /// Settings for the mask alone.
     pub fn settings(&self, spp: u32, seed: u64) -> Settings {
         let Image { width, height, .. } = self.photograph.image;
         Settings { width, height, spp, depth: 1, seed, mask_only: true, without_object: false }
     }
 
-    /// The mask of two passes of so many samples each, the quotient of a picture with the object and one without.
+    /// Returns the mask of two passes of `spp` samples each, with the object divided by without it, and the
+    /// film with the object.
     pub fn two_passes(&self, backdrop: &Backdrop<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> (Mask, Film) {
         let with = self.film(backdrop, estimator, self.settings(spp, seed));
         let without = self.film(backdrop, estimator, Settings { without_object: true, ..self.settings(spp, seed + 1) });
         (Mask::of_two(&with, &without), with)
     }
 
-    /// The mask that chooses the shadow, see [`Truth`].
+    /// Returns the mask that selects pixels in shadow, see [`Truth`].
     pub fn chooses_shadow(&self, workshop: &Workshop, backdrop: &Backdrop<'_>, estimator: &dyn Estimator) -> Mask {
         Mask::of(&self.film(backdrop, estimator, self.settings(workshop.effort.mask_spp, 55)), MaskForm::ControlVariate)
     }
@@ -91,19 +92,19 @@ pub fn size(workshop: &Workshop) -> (usize, usize) {
     (width, width * 2 / 3)
 }
 
-/// What masks are held against, and where.
+/// The reference mask and the pixels to compare.
 pub struct Truth {
     /// The mask.
     pub mask: Mask,
-    /// Pixels that the catcher fills.
+    /// Pixels that the catcher covers entirely.
     is_filled: Vec<bool>,
-    /// Those of them in shadow. They are chosen by samples of their own: a mask that chose them by itself would have the pixels that its own noise made dark among
-    /// them, and others against it would seem too bright.
+    /// The covered pixels in shadow, selected with independent samples: selection by a mask itself would
+    /// favour pixels that its own noise darkened and bias the errors.
     is_shadow: Vec<bool>,
 }
 
 impl Truth {
-    /// A mask of a film, and the one that chooses the shadow, from independent samples.
+    /// A reference mask with its film, and `chooses`, which selects the shadow from independent samples.
     pub fn new(mask: Mask, film: &Film, chooses: &Mask) -> Self {
         let is_filled: Vec<bool> = film.catcher.iter().map(|sums| sums.hits == film.spp).collect();
         let dark = chooses.values.iter().map(|value| value[3] < IN_SHADOW);
@@ -111,7 +112,7 @@ impl Truth {
         Self { mask, is_filled, is_shadow }
     }
 
-    /// Pixels in shadow with the errors of a mask of luminance there.
+    /// Returns pixels in shadow with the errors of a luminance mask.
     pub fn errors_in_shadow(&self, mask: &Mask) -> impl Iterator<Item = (usize, f64)> {
         let off = |(k, (own, truth)): (usize, (&[f32; 4], &[f32; 4]))| (k, f64::from(own[3]) - f64::from(truth[3]));
         let errors: Vec<_> = mask.values.iter().zip(&self.mask.values).enumerate().map(off).collect();
@@ -119,21 +120,21 @@ impl Truth {
     }
 }
 
-/// Errors of a mask over the pixels that the catcher fills.
+/// Errors of a mask over the pixels that the catcher covers entirely.
 #[derive(Clone, Copy, Default)]
 pub struct Errors {
-    /// Mean squared error of the mask of luminance.
+    /// MSE of the luminance mask.
     pub mask: f64,
     /// The same over the pixels in shadow.
     pub shadow: f64,
-    /// Mean squared error of the composite, whose pixels are the photograph times the mask per channel.
+    /// MSE of the composite, which is the photograph times the mask per channel.
     pub composite: f64,
     /// Mean error over the pixels in shadow.
     pub bias: f64,
 }
 
 impl Errors {
-    /// Of a mask.
+    /// Errors of a mask against the reference.
     pub fn of(mask: &Mask, truth: &Truth, photograph: &Photograph) -> Self {
         let (mut sums, mut pixels, mut shadowed) = (Self::default(), 0_u32, 0_u32);
         for (k, (own, exact)) in mask.values.iter().zip(&truth.mask.values).enumerate() {
@@ -160,7 +161,7 @@ impl Errors {
         }
     }
 
-    /// The sum with others that are weighted.
+    /// Returns `self + weight * other`.
     pub fn plus(self, other: Self, weight: f64) -> Self {
         Self {
             mask: self.mask + weight * other.mask,

@@ -1,4 +1,4 @@
-//! The paper's two-dimensional example: an image as the tail's density, times a Gaussian that moves.
+//! The paper's two-dimensional example: an image as the tail's density, times a moving Gaussian.
 
 use std::f32::consts::TAU;
 use std::sync::atomic::AtomicBool;
@@ -32,12 +32,13 @@ use crate::{
     report::{chart::Scale, number::text, table::Cell},
 };
 
-/// Standard deviation of the Gaussian in parts of the square.
+/// Standard deviation of the Gaussian relative to the square.
 const SIGMA: f32 = 0.11;
-/// Rows of the image, which is twice as wide.
+/// Rows of the image; it has twice the columns.
 const ROWS: usize = 128;
 
-/// A Gaussian over X, round on the cylinder. Its condition is its centre `(u, v)` as `(cos 2 pi u, sin 2 pi u, 2 v - 1)`.
+/// A Gaussian over X that wraps around in u. Its condition is the centre `(u, v)` as `(cos 2 pi u, sin 2 pi
+/// u, 2 v - 1)`.
 struct Gaussian;
 
 fn encode(centre: Vec2) -> [f32; 3] {
@@ -86,7 +87,7 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
 
 fn example(workshop: &Workshop) -> Result<Made> {
     let image = picture()?;
-    // A tail carries light per solid angle: over the plain square its density would be times the sine of the elevation.
+    // A tail weights by solid angle: division by sin theta makes its density over the square equal the image.
     let luminance: Vec<f32> = image
         .iter()
         .enumerate()
@@ -153,7 +154,7 @@ fn example(workshop: &Workshop) -> Result<Made> {
     Ok(made)
 }
 
-/// A picture with detail: the built-in temple, its luminance with a floor.
+/// A detailed picture: the luminance of the built-in temple, with a floor.
 fn picture() -> Result<Vec<f32>> {
     let scene = Scene::built_in("temple").context("a built-in scene")?;
     let environment = crate::arguments::open_environment("window")?;

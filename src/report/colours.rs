@@ -1,9 +1,9 @@
-//! Colours of values: dark is little, bright is much, in order for the colour-blind too.
+//! Colour maps for values: dark is low and bright is high, in brightness order also for colour-blind readers.
 
-/// A sequence of colours at equal distances.
+/// Equally spaced colours of a map.
 pub struct Colours(&'static [[u8; 3]]);
 
-/// For densities ("viridis" of matplotlib, at equal distances).
+/// For densities: matplotlib's "viridis", equally spaced.
 pub const DENSITY: Colours = Colours(&[
     [0x44, 0x01, 0x54],
     [0x48, 0x28, 0x78],
@@ -17,7 +17,7 @@ pub const DENSITY: Colours = Colours(&[
     [0xfd, 0xe7, 0x25],
 ]);
 
-/// For errors ("inferno" of matplotlib, at equal distances).
+/// For errors: matplotlib's "inferno", equally spaced.
 pub const ERROR: Colours = Colours(&[
     [0x00, 0x00, 0x04],
     [0x1b, 0x0c, 0x41],
@@ -32,7 +32,7 @@ pub const ERROR: Colours = Colours(&[
 ]);
 
 impl Colours {
-    /// The colour at a place of `[0, 1]`; what lies outside has the colours of the ends.
+    /// Returns the colour at a position in `[0, 1]`; positions outside are clamped.
     pub fn at(&self, place: f64) -> [u8; 3] {
         let place = place.clamp(0.0, 1.0) * (self.0.len() - 1) as f64;
         let below = (place as usize).min(self.0.len() - 2);
@@ -40,18 +40,18 @@ impl Colours {
         std::array::from_fn(|c| (f64::from(a[c]) + t * (f64::from(b[c]) - f64::from(a[c]))).round() as u8)
     }
 
-    /// So many colours from one end to the other, as the pixels of a row.
+    /// Returns `count` equally spaced colours as a row of pixels.
     pub fn ramp(&self, count: u32) -> Vec<[u8; 3]> {
         (0..count).map(|k| self.at(f64::from(k) / f64::from(count - 1))).collect()
     }
 
-    /// As CSS, `#rrggbb`, each with its place.
+    /// Iterates over CSS colours `#rrggbb` with their positions.
     pub fn stops(&self) -> impl Iterator<Item = (f64, String)> {
         let last = (self.0.len() - 1) as f64;
         self.0.iter().enumerate().map(move |(k, [r, g, b])| (k as f64 / last, format!("#{r:02x}{g:02x}{b:02x}")))
     }
 
-    /// As a CSS gradient from left to right.
+    /// Returns a CSS gradient from left to right.
     pub fn gradient(&self) -> String {
         let colours: Vec<String> = self.stops().map(|(_, colour)| colour).collect();
         format!("linear-gradient(to right,{})", colours.join(","))
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn brightness_grows_along_the_colours() {
+    fn brightness_increases_along_the_colours() {
         for colours in [DENSITY, ERROR] {
             let brightness = |k: u32| {
                 let [r, g, b] = colours.at(f64::from(k) / 90.0).map(f64::from);

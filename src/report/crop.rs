@@ -1,4 +1,4 @@
-//! Squares of a picture that are shown larger.
+//! Squares of a picture that are enlarged.
 
 use anyhow::Result;
 use glam::Vec3A;
@@ -20,13 +20,13 @@ pub struct Crop {
 }
 
 impl Crop {
-    /// The square of a fifth of the width in which an image differs most from a reference.
+    /// Returns the square of 20 % of the width in which an image differs most from a reference.
     pub fn worst(image: &Image, reference: &Image, measured: &[bool]) -> Self {
         Self::worst_beside(&[], (image, reference), measured, |a, b| (a - b).powi(2))
     }
 
-    /// The two squares that do not overlap in which an image differs most from a reference, relative to the reference's own
-    /// brightness, so that highlights do not take both.
+    /// Returns two disjoint squares in which an image differs most from a reference, relative to the
+    /// reference's brightness so that highlights do not take both.
     pub fn two_worst(image: &Image, reference: &Image, measured: &[bool]) -> [Self; 2] {
         let relative = |a: f64, b: f64| (a - b).powi(2) / (b * b + RELATIVE_EPSILON);
         let first = Self::worst_beside(&[], (image, reference), measured, relative);
@@ -58,7 +58,8 @@ impl Crop {
         best.1
     }
 
-    /// The sum of an error over the measured pixels and channels, and how many these are; no pixels are listed where all are measured.
+    /// Sums an error over the measured pixels and channels and counts them. An empty `measured` means all
+    /// pixels.
     fn sum(self, image: &Image, reference: &Image, measured: &[bool], error: impl Fn(f64, f64) -> f64) -> (f64, u32) {
         let (mut sum, mut count) = (0.0, 0);
         for k in self.pixels(image.width).filter(|&k| measured.get(k).copied().unwrap_or(true)) {
@@ -70,7 +71,7 @@ impl Crop {
         (sum, count)
     }
 
-    /// Its middle and its side, in parts of the width and the height: what the page's script reads.
+    /// Returns the centre and side relative to the width and height, as the page's script reads them.
     pub fn attribute(&self, (width, height): (usize, usize)) -> String {
         let (width, height, half) = (width as f64, height as f64, 0.5 * self.side as f64);
         let middle = [(self.left as f64 + half) / width, (self.top as f64 + half) / height, self.side as f64 / width];
@@ -82,19 +83,19 @@ impl Crop {
             .flat_map(move |y| (self.left..self.left + self.side).map(move |x| y * width + x))
     }
 
-    /// The mean squared error over the measured pixels of the crop.
+    /// Returns the MSE over the measured pixels of the crop.
     pub fn error(self, image: &Image, reference: &Image, measured: &[bool]) -> f64 {
         let (sum, count) = self.sum(image, reference, measured, |a, b| (a - b).powi(2));
         sum / f64::from(count.max(1))
     }
 
-    /// The crop as a PNG.
+    /// Encodes the crop as a PNG.
     pub fn png(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
         let pixels = self.pixels(image.width).map(|k| image.pixels[k]).collect();
         Ok(encode_png(&Image { width: self.side, height: self.side, pixels }, exposure)?)
     }
 
-    /// The image as a PNG with the crop's frame in it.
+    /// Encodes the image with the crop's frame as a PNG.
     pub fn framed(self, image: &Image, exposure: f32) -> Result<Vec<u8>> {
         let mut pixels: Vec<[u8; 3]> =
             image.pixels.iter().map(|&pixel| tone_map(Vec3A::from_array(pixel) * exposure.exp2())).collect();
@@ -128,7 +129,7 @@ mod tests {
         assert!(first.left.abs_diff(5) <= 2 && first.top.abs_diff(5) <= 2, "{first:?}");
         assert!(second.left.abs_diff(35) <= 2 && second.top.abs_diff(25) <= 2, "{second:?}");
         assert_eq!(Crop { left: 10, top: 10, side: 10 }.attribute((50, 40)), "0.300,0.375,0.200");
-        // What is not measured does not count.
+        // Unmeasured pixels do not count.
         let measured: Vec<bool> = (0..2000).map(|k| k % 50 > 25).collect();
         assert!(Crop::worst(&image, &reference, &measured).left > 25);
     }

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 use super::Measurement;
 use super::summary::Summary;
 
-/// The columns, in this order.
+/// The columns in order.
 const COLUMNS: [&str; 17] = [
     "scene",
     "env",
@@ -26,10 +26,10 @@ const COLUMNS: [&str; 17] = [
     "points",
 ];
 
-/// The points of runs from before there was a column for them.
+/// Point set of runs in files without that column.
 const OLD_POINTS: &str = "independent";
 
-/// The bytes of the file: for each sampler at each budget its runs, then the row of means, whose `run` is `mean`.
+/// Encodes the file: for each sampler at each budget its runs, then the row of means, whose `run` is `mean`.
 pub fn encode(rows: &[Measurement], summary: &Summary) -> Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(COLUMNS)?;
@@ -43,7 +43,7 @@ pub fn encode(rows: &[Measurement], summary: &Summary) -> Result<Vec<u8>> {
     Ok(writer.into_inner()?)
 }
 
-/// The runs in the bytes of such a file, whose column of points may be missing; rows of means are left out.
+/// Decodes the runs, without rows of means. The column of points may be missing.
 pub fn decode(bytes: &[u8]) -> Result<Vec<Measurement>> {
     let mut reader = csv::Reader::from_reader(bytes);
     let headers = reader.headers()?;
@@ -82,7 +82,7 @@ pub fn decode(bytes: &[u8]) -> Result<Vec<Measurement>> {
     Ok(rows)
 }
 
-/// Floats are the shortest decimals that read back to the same bits.
+/// Floats are the shortest decimals that parse to the same bits.
 fn record(row: &Measurement, run: &str) -> [String; 17] {
     [
         row.scene.clone(),
@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn runs_and_means_come_back_to_the_last_bit() {
+    fn runs_and_means_round_trip_exactly() {
         let comparison = synthetic::comparison();
         let summary = Summary::of(&comparison.rows).unwrap();
         let bytes = encode(&comparison.rows, &summary).unwrap();
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_and_damage_is_named() {
+    fn written_files_are_read_and_damage_is_named() {
         let comparison = synthetic::comparison();
         let bytes = encode(&comparison.rows, &Summary::of(&comparison.rows).unwrap()).unwrap();
         let mut rows = decode(&bytes).unwrap();
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_without_points_had_independent_ones() {
+    fn files_without_points_default_to_independent() {
         let rows = [synthetic::row("mis", "4spp", 0), synthetic::row("mis", "4spp", 1)];
         let text = String::from_utf8(encode(&rows, &Summary::of(&rows).unwrap()).unwrap()).unwrap();
         let old: String = text.lines().map(|line| line.rsplit_once(',').unwrap().0.to_owned() + "\n").collect();
@@ -164,7 +164,7 @@ mod tests {
         assert_eq!(format!("{:?}", decode(old.as_bytes()).unwrap()), format!("{:?}", expected.to_vec()));
     }
 
-    /// The MSE of the first run, as it is written.
+    /// The MSE of the first run as it is written.
     fn comparison_mse(text: &str) -> String {
         text.lines().nth(1).and_then(|line| line.split(',').nth(8)).unwrap().to_owned()
     }

@@ -10,26 +10,26 @@ use super::summary::{Budget, Summary};
 use super::{Comparison, RenderedImage};
 use crate::exposure;
 
-/// Linear values of all pictures are on the page up to so many pixels, which take about four times as many bytes; else
-/// only those of the budget that is shown first.
+/// Up to this number of pixels in all pictures, the page contains linear values of all, about four bytes per
+/// pixel; above it, only those of the budget that is shown first.
 const MOST_PIXELS: usize = 4_000_000;
 
-/// The pictures of the page, each embedded once. What is encoded is kept from one page to the next.
+/// The pictures of the page, each embedded once. Encoded pictures are reused by the next page.
 #[derive(Default)]
 pub struct Gallery {
     /// Exposure of all renderings in stops.
     pub exposure: f32,
-    /// The reference as HDR-FLIP sees it; none before the first page.
+    /// The reference prepared for HDR-FLIP; `None` before the first page.
     hdr_flip: Option<HdrFlip>,
     /// The reference as a `data:` address; empty before the first page.
     pub reference: String,
-    /// Its linear values.
+    /// The reference's linear values.
     pub reference_radiance: Option<String>,
-    /// The budgets that have pictures, in the order of the summary.
+    /// The budgets with pictures, in the order of the summary.
     pub panels: Vec<Panel>,
-    /// Where insets are first; for the page's script.
+    /// Initial places of the insets, for the page's script.
     pub insets: String,
-    /// Whether the page holds linear values of all pictures.
+    /// Whether the page contains linear values of all pictures.
     pub all_radiance: bool,
 }
 
@@ -37,36 +37,36 @@ pub struct Gallery {
 pub struct Panel {
     /// The budget.
     pub budget: Budget,
-    /// What the colours of the error maps mean.
+    /// The scale of the error maps.
     pub scale: ErrorScale,
-    /// One for each sampler that has an image.
+    /// One per sampler that has an image.
     pub pictures: Vec<Picture>,
 }
 
-/// A rendering and the maps of its errors as `data:` addresses.
+/// A rendering and its error maps as `data:` addresses.
 #[derive(Clone)]
 pub struct Picture {
     /// The sampler.
     pub sampler: String,
     /// The tone-mapped image.
     pub rendering: String,
-    /// Its linear values, see [`radiance::encode`], where the page holds them.
+    /// The linear values if the page contains them, see [`radiance::encode`].
     pub radiance: Option<String>,
     /// The error map, on the scale of the panel.
     pub errors: String,
-    /// The map of FLIP, from 0 to 1.
+    /// The FLIP map, from 0 to 1.
     pub flip_map: String,
     /// The mean of FLIP over the measured pixels.
     pub flip: f64,
-    /// The mean of HDR-FLIP over them.
+    /// The mean of HDR-FLIP over the measured pixels.
     pub hdr_flip: f64,
 }
 
 impl Gallery {
-    /// Adds the images that are new in a comparison.
+    /// Adds the new images of a comparison.
     ///
     /// # Errors
-    /// If an image is not of the size of the reference.
+    /// If an image differs in size from the reference.
     pub fn update(&mut self, comparison: &Comparison, summary: &Summary) -> Result<()> {
         if self.reference.is_empty() {
             self.exposure = exposure::of_image(&comparison.reference, &comparison.measured);
@@ -84,7 +84,7 @@ impl Gallery {
                 .collect();
             let panel = known.iter().position(|panel| panel.budget == *budget).map(|at| known.swap_remove(at));
             match panel {
-                // A sampler has one image at a budget, so that an equal number is the same images.
+                // A sampler has one image per budget, so equal counts mean the same images.
                 Some(panel) if panel.pictures.len() == images.len() => self.panels.push(panel),
                 _ if images.is_empty() => {}
                 _ => {
@@ -98,7 +98,7 @@ impl Gallery {
         Ok(())
     }
 
-    /// Gives pictures their linear values, as many as the page holds.
+    /// Adds linear values to pictures within the page's limit.
     fn add_radiance(&mut self, comparison: &Comparison, summary: &Summary) -> Result<()> {
         self.all_radiance = comparison.images.len() * comparison.width * comparison.height <= MOST_PIXELS;
         let first = self.shown_first(summary).map(|panel| panel.budget.clone());
@@ -125,12 +125,12 @@ impl Gallery {
         self.panel(budget)?.pictures.iter().find(|picture| picture.sampler == sampler)
     }
 
-    /// Whether there is a picture of a sampler at a budget.
+    /// Returns whether a sampler has a picture at a budget.
     pub fn has(&self, sampler: &str, budget: &str) -> bool {
         self.picture(sampler, budget).is_some()
     }
 
-    /// FLIP and HDR-FLIP of a sampler's picture at a budget.
+    /// Returns FLIP and HDR-FLIP of a sampler's picture at a budget.
     pub fn flips(&self, sampler: &str, budget: &str) -> Option<[f64; 2]> {
         self.picture(sampler, budget).map(|picture| [picture.flip, picture.hdr_flip])
     }
@@ -140,7 +140,7 @@ impl Gallery {
         self.panel(&summary.shown_first().name).or(self.panels.last())
     }
 
-    /// The pictures of a budget; what of them is `known` is not computed again.
+    /// Returns the pictures of a budget, reusing those in `known`.
     fn panel_of(
         &self,
         budget: &Budget,
@@ -173,7 +173,8 @@ impl Gallery {
     }
 }
 
-/// Where the baseline (or whatever sampler has a picture) is worst at the budget that is shown first.
+/// Places insets where the baseline is worst at the budget that is shown first; without its picture, where
+/// the last picture is.
 fn insets(comparison: &Comparison, summary: &Summary) -> String {
     let budget = &summary.shown_first().name;
     let of = |i: &&RenderedImage| i.budget == *budget && i.sampler == summary.baseline;

@@ -1,10 +1,10 @@
-//! One colour and one marker for each kind of sampler, the same on every page.
+//! One colour and one marker per kind of sampler, on every page.
 
 use std::fmt::Write;
 
 use headtail_render::spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility};
 
-/// What a sampler is, as far as colours and markers tell.
+/// Kinds of samplers that are distinguished by colour and marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// One-sample MIS, the baseline.
@@ -23,7 +23,7 @@ pub enum Kind {
     RisOfProduct,
     /// The product in closed form.
     Patches,
-    /// The same with learned visibility.
+    /// The product in closed form with trained visibility.
     PatchesWithVisibility,
     /// The product as a table.
     Direct,
@@ -33,13 +33,13 @@ pub enum Kind {
     HeadWithMis,
     /// A trained head over the product in closed form.
     HeadOverPatches,
-    /// The same with learned visibility.
+    /// A trained head over the product in closed form with trained visibility.
     HeadOverPatchesWithVisibility,
     /// A trained head as a table.
     Baked,
-    /// A sampler that others trained for a material.
+    /// A published sampler trained for a material.
     Rival,
-    /// The same beside emitter sampling.
+    /// A published sampler mixed with emitter sampling.
     RivalWithEmitter,
     /// The exact product.
     Oracle,
@@ -49,7 +49,7 @@ pub enum Kind {
     Other,
 }
 
-/// The table: kinds with their colour (`--s0` to `--s9` in the style sheet) and their marker (see [`outline`]).
+/// Colour (`--s0` to `--s9` in the style sheet) and marker (see [`outline`]) of each kind.
 const LOOKS: [(Kind, usize, usize); 20] = [
     (Kind::Mis, 0, 0),
     (Kind::TwoSampleMis, 8, 1),
@@ -124,19 +124,20 @@ impl Kind {
     }
 }
 
-/// How a sampler is drawn among others: samplers of one kind share colour and marker, and differ in dashes and filling.
+/// How a sampler is drawn among others. Samplers of one kind have the same colour and marker and differ in
+/// dashes and fill.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Look {
     kind: Kind,
-    /// Number among those of its kind.
+    /// Index among the samplers of its kind.
     variant: usize,
 }
 
 impl Look {
-    /// How dashes and fillings differ before they repeat.
+    /// Number of dashes and fills before they repeat.
     const VARIANTS: usize = 4;
 
-    /// The looks of samplers that are shown together, in their order.
+    /// Returns the looks of samplers that are shown together, in their order.
     pub fn of_all<'a>(names: impl Iterator<Item = &'a str>) -> Vec<Self> {
         let mut looks: Vec<Self> = Vec::new();
         for name in names {
@@ -151,14 +152,14 @@ impl Look {
         LOOKS.into_iter().find(|(kind, ..)| *kind == self.kind).unwrap_or(LOOKS[LOOKS.len() - 1])
     }
 
-    /// The CSS classes that give lines and markers their colour and dashes.
+    /// Returns the CSS classes for colour and dashes.
     pub fn class(self) -> String {
         format!("series s{} v{}", self.row().1, self.variant % Self::VARIANTS)
     }
 
-    /// The marker at a place, as SVG.
+    /// Returns the marker at a position, as SVG.
     pub fn marker(self, x: f64, y: f64) -> String {
-        // What the program does not know has no shape of its own: its shapes change before dashes repeat.
+        // Unknown samplers have no shape of their own, so shapes vary instead.
         let shape = if self.kind == Kind::Other { self.variant } else { self.row().2 };
         let mut svg = format!("<path class=\"marker\" d=\"{}\"/>", outline(shape, x, y));
         if self.variant % Self::VARIANTS >= 2 {
@@ -167,14 +168,14 @@ impl Look {
         svg
     }
 
-    /// The marker as a picture beside a name.
+    /// Returns the marker as an icon for use beside a name.
     pub fn swatch(self) -> String {
         let (class, marker) = (self.class(), self.marker(7.0, 7.0));
         format!("<svg class=\"swatch {class}\" viewBox=\"0 0 14 14\" aria-hidden=\"true\">{marker}</svg>")
     }
 }
 
-/// The outline of a marker: its shape tells it apart where colour cannot.
+/// The outline of a marker. Shapes distinguish kinds where colours do not.
 fn outline(shape: usize, x: f64, y: f64) -> String {
     let polygon = |points: &[(f64, f64)]| {
         let points: Vec<String> = points.iter().map(|(dx, dy)| format!("{:.1} {:.1}", x + dx, y + dy)).collect();
@@ -220,7 +221,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specs_and_words_have_their_kinds() {
+    fn specs_and_labels_map_to_kinds() {
         for (name, kind) in [
             ("mis", Kind::Mis),
             ("mis2", Kind::TwoSampleMis),
@@ -262,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sampler_looks_the_same_whatever_it_stands_beside() {
+    fn look_is_independent_of_other_kinds() {
         let alone = Look::of_all(["patches"].into_iter());
         let beside = Look::of_all(["head:x", "mis", "patches"].into_iter());
         assert_eq!(alone[0], beside[2]);

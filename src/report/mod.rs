@@ -1,5 +1,5 @@
-//! The comparison report: `results.csv` with every number, `report.html`, one self-contained page to read them by, and `figures/`, its
-//! charts and tables as files. What other pages are made of is here, too.
+//! The comparison report: `results.csv` with all measurements, `report.html`, a self-contained page, and
+//! `figures/`, its charts and tables as files. The parts of other pages are here, too.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -10,7 +10,7 @@
 //! | `table.rs`, `number.rs` | tables as HTML, LaTeX and CSV; printed numbers |
 //! | `stage.rs`, `gallery.rs`, `picture.rs`, `radiance.rs`, `crop.rs` | pictures of a page |
 //! | `teaser.rs` | a paper's first figure |
-//! | `summary.rs`, `reading.rs` | runs by sampler and budget; in sentences |
+//! | `summary.rs`, `reading.rs` | runs by sampler and budget; sentences about them |
 //! | `terminal.rs`, `csv.rs` | the same as text and as a file |
 //! | `synthetic.rs` | a comparison for tests |
 
@@ -49,7 +49,7 @@ use headtail_render::color::luminance;
 use headtail_render::file;
 use headtail_render::image::Image;
 
-/// Everything that a comparison of samplers measured on one scene under one environment map.
+/// All measurements of samplers on one scene under one environment map.
 pub struct Comparison {
     /// The name of the scene.
     pub scene: String,
@@ -61,21 +61,21 @@ pub struct Comparison {
     pub height: usize,
     /// The command line that made this comparison.
     pub command: String,
-    /// What it ran on.
+    /// The machine it ran on.
     pub machine: String,
     /// The version of headtail.
     pub version: String,
     /// The image that errors are measured against.
     pub reference: Image,
-    /// `[height * width]` the pixels over which errors and luminance of the rows are measured; empty for all pixels.
+    /// `[height * width]` pixels over which errors and luminance are measured; empty for all pixels.
     pub measured: Vec<bool>,
-    /// How the reference was made, in a sentence.
+    /// How the reference was rendered, in a sentence.
     pub reference_note: String,
-    /// The measured runs, in the order in which samplers and budgets are to be shown.
+    /// The measured runs, in display order of samplers and budgets.
     pub rows: Vec<Measurement>,
     /// The first run of each (sampler, budget).
     pub images: Vec<RenderedImage>,
-    /// What had to be done before the first sample.
+    /// Work before the first sample.
     pub preparation: Vec<Preparation>,
     /// Whether runs are missing.
     pub state: State,
@@ -86,20 +86,20 @@ pub struct Comparison {
 pub enum State {
     /// All runs are done.
     Complete,
-    /// More are to come.
+    /// More runs follow.
     Running {
-        /// The number of runs when all are done.
+        /// The number of planned runs.
         planned: usize,
     },
     /// A signal ended the comparison before the last run.
     Interrupted {
-        /// The number of runs that it would have had.
+        /// The number of planned runs.
         planned: usize,
     },
 }
 
 impl State {
-    /// The number of runs of all; `None` where all are done.
+    /// The number of planned runs; `None` if all are done.
     pub fn planned(self) -> Option<usize> {
         match self {
             Self::Complete => None,
@@ -114,34 +114,34 @@ pub struct RenderedImage {
     pub sampler: String,
     /// The budget, as in the rows.
     pub budget: String,
-    /// The rendering, of the size of the reference.
+    /// The rendering, in the size of the reference.
     pub image: Image,
 }
 
-/// Work that a sampler needs once, before it renders.
+/// Work that a sampler needs once before rendering.
 #[derive(Clone)]
 pub struct Preparation {
     /// The name of the sampler, as in the rows.
     pub sampler: String,
-    /// How long it took.
+    /// Its duration.
     pub seconds: f64,
-    /// What was done, in a few words: "trained for 1000 steps".
+    /// A short description: "trained for 1000 steps".
     pub text: String,
 }
 
 impl Comparison {
-    /// The mean of `[height * width]` values over the measured pixels.
+    /// Returns the mean of `[height * width]` values over the measured pixels.
     fn mean_of_measured(&self, values: &[f64]) -> f64 {
         let measured = || (0..values.len()).filter(|&k| self.is_measured(k));
         measured().map(|k| values[k]).sum::<f64>() / measured().count() as f64
     }
 
-    /// Whether errors are measured at the pixel of an index.
+    /// Returns whether errors are measured at a pixel index.
     fn is_measured(&self, index: usize) -> bool {
         self.measured.get(index).copied().unwrap_or(true)
     }
 
-    /// The mean luminance of the reference over the measured pixels.
+    /// Returns the mean luminance of the reference over the measured pixels.
     fn reference_luminance(&self) -> f64 {
         let measured = self.reference.pixels.iter().enumerate().filter(|(index, _)| self.is_measured(*index));
         let luminances = measured.map(|(_, &pixel)| f64::from(luminance(Vec3A::from_array(pixel))));
@@ -150,7 +150,7 @@ impl Comparison {
     }
 }
 
-/// The charts of runs: MSE against time, and bars of how many times lower it is than that of the baseline.
+/// Returns two charts: MSE against time, and bars of the MSE ratio to the baseline.
 ///
 /// # Errors
 /// If there are no runs.
@@ -159,7 +159,7 @@ pub fn charts(rows: &[Measurement]) -> Result<[vector::Chart; 2]> {
     Ok([chart::error_over_time(&summary), chart::ratio_bars(&summary)])
 }
 
-/// Writes a page with a chart of speed and accuracy for each of the given folders of results, and one over all.
+/// Writes a page with a chart of speed and accuracy per folder of results, and one over all.
 ///
 /// # Errors
 /// If a folder has no readable `results.csv`, or the page cannot be written.
@@ -174,7 +174,7 @@ pub fn write_overview(page: &Path, folders: &[std::path::PathBuf]) -> Result<()>
     Ok(())
 }
 
-/// `results.csv` and `report.html` in an existing folder, brought up to date while a comparison runs.
+/// `results.csv` and `report.html` in an existing folder, updated while a comparison runs.
 pub struct Report {
     folder: PathBuf,
     gallery: gallery::Gallery,
@@ -183,13 +183,13 @@ pub struct Report {
 }
 
 impl Report {
-    /// The files of a folder; nothing is written yet.
+    /// The report of a folder; writes nothing yet.
     pub fn new(folder: &Path) -> Self {
         let gallery = gallery::Gallery::default();
         Self { folder: folder.to_owned(), gallery, table: Pace::default(), page: Pace::default() }
     }
 
-    /// Brings `results.csv` up to date, unless it takes long to write and was written lately (see [`Pace`]).
+    /// Updates `results.csv`, unless writing is slow and the last write was recent (see [`Pace`]).
     ///
     /// # Errors
     /// See [`Self::finish`].
@@ -200,7 +200,7 @@ impl Report {
         Ok(())
     }
 
-    /// Brings `report.html` up to date, in the same way.
+    /// Updates `report.html` at the same pace.
     ///
     /// # Errors
     /// See [`Self::finish`].
@@ -211,11 +211,11 @@ impl Report {
         Ok(())
     }
 
-    /// Writes both files, and the charts and tables of the page as files of their own (`figures/`): SVG, LaTeX and CSV.
+    /// Writes both files, and the page's charts and tables to `figures/` as SVG, LaTeX and CSV.
     ///
     /// # Errors
-    /// If there are no runs, if the size of an image or of `measured` is not that of the reference, or if a file cannot be
-    /// written.
+    /// If there are no runs, if an image or `measured` differs in size from the reference, or if a file
+    /// cannot be written.
     pub fn finish(&mut self, comparison: &Comparison) -> Result<()> {
         let summary = summary::Summary::of(&comparison.rows)?;
         self.write_table(comparison, &summary)?;
@@ -250,15 +250,15 @@ impl Report {
     }
 }
 
-/// When a file is to be written again: at once where that is quick; else so that writing takes a tenth of the time at most,
-/// since a file that grows with every run would make thousands of runs wait for it.
+/// Limits how often a growing file is rewritten: always if writing is quick, else for at most 10 % of the
+/// time.
 #[derive(Default)]
 struct Pace {
     due: Option<Instant>,
 }
 
 impl Pace {
-    /// What is written as quickly as this is written after every run.
+    /// Files that are written within this time are rewritten after every run.
     const QUICK: Duration = Duration::from_millis(50);
 
     fn is_due(&self) -> bool {

@@ -1,8 +1,8 @@
-//! Numbers as they are printed: a few significant digits, powers of ten in superscript, text escaped for HTML.
+//! Formatting of numbers: a few significant digits, powers of ten in superscript; HTML escaping.
 
 use headtail_render::statistics::{MeanInterval, RatioInterval};
 
-/// Escapes a text for HTML, in elements and in quoted attributes alike.
+/// Escapes text for HTML elements and quoted attributes.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for character in text.chars() {
@@ -20,13 +20,13 @@ pub fn escape(text: &str) -> String {
     escaped
 }
 
-/// The power of ten of a number once it is rounded to `digits` significant digits.
+/// Returns the power of ten of a number after rounding to `digits` significant digits.
 fn exponent(value: f64, digits: usize) -> i32 {
     let scientific = format!("{:.*e}", digits - 1, value);
     scientific.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0)
 }
 
-/// Whether a number of this power of ten is printed without one.
+/// Returns whether a number with this power of ten is printed without an exponent.
 fn is_plain(exponent: i32) -> bool {
     (-3..=4).contains(&exponent)
 }
@@ -45,12 +45,12 @@ fn not_finite(value: f64) -> &'static str {
     }
 }
 
-/// A number with three significant digits, as HTML: `0.123`, `4.56 x 10<sup>-7</sup>`.
+/// Formats three significant digits as HTML: `0.123`, `4.56 x 10<sup>-7</sup>`.
 pub fn html(value: f64) -> String {
     html_digits(value, 3)
 }
 
-/// A number with `digits` significant digits, as HTML.
+/// Formats `digits` significant digits as HTML.
 pub fn html_digits(value: f64, digits: usize) -> String {
     if !value.is_finite() {
         return not_finite(value).to_owned();
@@ -67,7 +67,7 @@ pub fn html_digits(value: f64, digits: usize) -> String {
     }
 }
 
-/// Half the length of an interval as a percentage of the mean, as text, with its sign; empty if there is no interval.
+/// Formats half the width of an interval as a signed percentage of the mean; empty without an interval.
 pub fn percent(interval: &MeanInterval) -> String {
     let percent = 100.0 * interval.half_width / interval.mean.abs();
     if !percent.is_finite() {
@@ -77,7 +77,7 @@ pub fn percent(interval: &MeanInterval) -> String {
     format!("{percent}\u{202f}%")
 }
 
-/// The same as HTML.
+/// Formats [`percent`] as HTML.
 pub fn html_uncertainty(interval: &MeanInterval) -> String {
     match percent(interval) {
         percent if percent.is_empty() => percent,
@@ -85,12 +85,12 @@ pub fn html_uncertainty(interval: &MeanInterval) -> String {
     }
 }
 
-/// A number that is a whole one as often as not: `64`, `64.3`.
+/// Formats a number that is often an integer: `64`, `64.3`.
 pub fn amount(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e15 { fixed(value, 0) } else { html(value) }
 }
 
-/// A number with three significant digits, as plain text: `0.123`, `4.56e-7`.
+/// Formats three significant digits as plain text: `0.123`, `4.56e-7`.
 pub fn text(value: f64) -> String {
     if !value.is_finite() {
         return not_finite(value).to_owned();
@@ -99,7 +99,7 @@ pub fn text(value: f64) -> String {
     if value == 0.0 || is_plain(exponent) { fixed(value, 2 - exponent) } else { format!("{value:.2e}") }
 }
 
-/// How many times one thing is another, as text: `12`, `3.4`, `0.56`, `3.8e-4`, `1.8e7`; for prose, where a third digit is noise.
+/// Formats a ratio with two digits for prose: `12`, `3.4`, `0.56`, `3.8e-4`, `1.8e7`.
 pub fn times(value: f64) -> String {
     if !value.is_finite() {
         return not_finite(value).to_owned();
@@ -111,7 +111,7 @@ pub fn times(value: f64) -> String {
     }
 }
 
-/// The ends of a ratio's interval as text: `3.1 to 3.7`; empty where they are unknown or one and the same.
+/// Formats the ends of a ratio's interval: `3.1 to 3.7`; empty if they are unknown or equal.
 pub fn ends(ratio: &RatioInterval) -> String {
     match ratio.ends() {
         Some((low, high)) if low < high => format!("{} to {}", times(low), times(high)),
@@ -119,7 +119,7 @@ pub fn ends(ratio: &RatioInterval) -> String {
     }
 }
 
-/// Seconds as text with a fitting unit.
+/// Formats seconds with a fitting unit.
 pub fn duration(seconds: f64) -> String {
     match seconds {
         s if !s.is_finite() => "unknown".to_owned(),
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn markup_cannot_get_through() {
+    fn markup_is_escaped() {
         assert_eq!(escape("<a href=\"x\" b='&'>"), "&lt;a href=&quot;x&quot; b=&#39;&amp;&#39;&gt;");
         assert_eq!(escape("a\u{0}b\u{1b}c\n"), "a\u{fffd}b\u{fffd}c\n");
     }
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn uncertainties_are_parts_of_the_mean() {
+    fn uncertainties_are_percentages_of_the_mean() {
         let uncertainty = |mean, half_width| html_uncertainty(&MeanInterval { mean, half_width, count: 3 });
         assert_eq!(uncertainty(2e-5, 1e-6), "<span class=\"ci\">\u{b1}\u{202f}5.0\u{202f}%</span>");
         assert_eq!(uncertainty(1.0, 1e-9), "<span class=\"ci\">&lt;\u{202f}0.01\u{202f}%</span>");
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn amounts_are_whole_where_they_can_be() {
+    fn integer_amounts_have_no_decimals() {
         assert_eq!(
             (amount(64.0), amount(64.25), amount(f64::NAN)),
             ("64".into(), "64.2".into(), "not a number".into())

@@ -1,4 +1,4 @@
-//! Several comparisons on one page: speed against accuracy for each, and over all of them.
+//! Several comparisons on one page: speed against accuracy, for each and over all.
 
 use std::collections::HashSet;
 
@@ -15,14 +15,14 @@ use super::shell::{Page, count};
 use super::summary::{Budget, Measure, Summary, in_order};
 use super::table::{Cell, Column, Table, Value};
 
-/// A comparison at the budget that is shown.
+/// A comparison at one budget.
 struct Scene {
     title: String,
     summary: Summary,
     budget: Budget,
 }
 
-/// The page of the runs of each comparison.
+/// Builds the page from the runs of each comparison.
 pub fn page(comparisons: &[Vec<Measurement>]) -> Result<String> {
     let scenes = comparisons.iter().map(|rows| Scene::of(rows)).collect::<Result<Vec<_>>>()?;
     let version = comparisons.first().and_then(|rows| rows.first()).map_or("", |row| row.version.as_str());
@@ -67,7 +67,7 @@ impl Scene {
         Ok(Self { title: format!("{} under {}, {points} points", rows[0].scene, rows[0].env), summary, budget })
     }
 
-    /// Time and error of a sampler over those of the baseline.
+    /// Returns time and error of a sampler relative to the baseline.
     fn ratios(&self, names: &Names, name: &str) -> Option<[RatioInterval; 2]> {
         let group = self.summary.at(&self.budget.name).find(|group| names.of(&group.sampler) == name)?;
         let base = self.summary.group(&self.summary.baseline, &self.budget.name)?;
@@ -75,10 +75,10 @@ impl Scene {
     }
 }
 
-/// What samplers of different comparisons are recognised by: the kind, where no comparison has two samplers of it, and else the
-/// kind with the last name of the file. Files for different maps often have different names.
+/// Names that match samplers across comparisons: the kind if every comparison has one sampler of it, else the
+/// kind and the file name. Files for different maps often have different names.
 struct Names {
-    /// Kinds of which some comparison has several.
+    /// Kinds of which a comparison has several samplers.
     several: HashSet<String>,
 }
 
@@ -95,7 +95,7 @@ impl Names {
 
     fn of(&self, sampler: &str) -> String {
         match sampler.rsplit_once(':') {
-            // What follows is no file: the 4 of ris:4.
+            // The suffix is a number, not a file: the 4 of ris:4.
             Some((_, rest)) if rest.bytes().all(|byte| byte.is_ascii_digit()) => sampler.to_owned(),
             Some((kind, _)) if !self.several.contains(kind) => kind.to_owned(),
             Some((kind, path)) => {
@@ -107,7 +107,7 @@ impl Names {
     }
 }
 
-/// The chart and the table of geometric means over all comparisons.
+/// Chart and table of geometric means over all comparisons.
 fn over_all(scenes: &[Scene]) -> Markup {
     let Some(first) = scenes.first() else { return html! {} };
     let known = Names::new(scenes);
@@ -115,7 +115,7 @@ fn over_all(scenes: &[Scene]) -> Markup {
     // The baseline's colour and marker are the first ones, as in the other charts.
     names.sort_by_key(|name| *name != first.summary.baseline);
     names.retain(|name| scenes.iter().all(|scene| scene.ratios(&known, name).is_some()));
-    // Of a name that all scenes have, the geometric means of time and error.
+    // Geometric means of time and error for names in all scenes.
     let means = |name: &String| {
         let ratios: Vec<[RatioInterval; 2]> = scenes.iter().filter_map(|scene| scene.ratios(&known, name)).collect();
         let mean = |k: usize| {
@@ -182,7 +182,7 @@ mod tests {
         Measurement { seconds, mse, ..synthetic::row(sampler, "4spp", 0) }
     }
 
-    /// What stands in the row of a name.
+    /// The cells of a name's row.
     fn cells(page: &str, name: &str) -> Vec<String> {
         let row = page.split_once(&format!("</svg>{name}</th>")).unwrap().1;
         let row = &row[..row.find("</tr>").unwrap()];
@@ -190,13 +190,13 @@ mod tests {
     }
 
     #[test]
-    fn means_over_all_are_geometric_and_of_samplers_that_all_have() {
+    fn overall_means_are_geometric_over_common_samplers() {
         let comparisons = [
             vec![row("mis", 1.0, 1.0), row("head:a/head.safetensors", 2.0, 0.1), row("ris:4", 3.0, 0.2)],
             vec![row("mis", 2.0, 3.0), row("head:b/room.safetensors", 4.0, 1.2)],
         ];
         let page = page(&comparisons).unwrap();
-        // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain 1 / 0.4.
+        // Time: sqrt(2 * 2) = 2; error: sqrt(0.1 * 0.4) = 0.2; gain at least 1 / 0.4.
         assert!(cells(&page, "head") == ["2.0\u{d7}", "0.20\u{d7}", "2.5\u{d7}"], "{page}");
         assert!(page.contains("<b>ball under sky, sobol points</b>"), "{page}");
         let over_all = &page[..page.find("Each comparison").unwrap()];
@@ -209,13 +209,14 @@ mod tests {
         let run = |sampler: &str, run: u32, mse: f64| Measurement { run, ..row(sampler, 1.0, mse) };
         let comparison = vec![run("mis", 0, 1.0), run("mis", 1, 1.1), run("ris:4", 0, 0.5), run("ris:4", 1, 0.56)];
         let page = page(&[comparison]).unwrap();
-        // 1.06 / 2.1 = 0.505; deviations -+0.00898, so that the logarithm is known to 12.71 * 0.00898 = 0.114.
+        // 1.06 / 2.1 = 0.505; deviations -+0.00898, so the half-width of the logarithm is 12.71 * 0.00898 =
+        // 0.114.
         assert!(page.contains("0.50\u{d7}<span class=\"ci\">0.45 to 0.57</span>"), "{page}");
         assert_eq!(cells(&page, "mis"), ["1.0\u{d7}"; 3], "the baseline has no interval");
     }
 
     #[test]
-    fn two_samplers_of_a_kind_are_told_apart_by_their_files() {
+    fn samplers_of_one_kind_are_distinguished_by_file_name() {
         let comparison = |map: &str| {
             let [small, large] = ["small", "large"].map(|size| format!("head:{map}/{size}.safetensors"));
             vec![row("mis", 1.0, 1.0), row(&small, 2.0, 1.0), row(&large, 3.0, 1.0)]

@@ -1,4 +1,4 @@
-//! The pictures of the page: renderings under one exposure, and false-colour maps of their errors on one scale.
+//! The pictures of the page: renderings at one exposure, and false-colour error maps on one scale.
 
 use anyhow::{Result, ensure};
 use base64::Engine;
@@ -10,30 +10,30 @@ use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, flip};
 use super::Comparison;
 use super::colours::ERROR;
 
-/// Largest width of an error map: errors are averaged over squares of pixels, because the error of a single pixel is as
-/// random as the pixel.
+/// Maximum width of an error map. Errors are averaged over squares of pixels, since the error of a single
+/// pixel is mostly noise.
 pub const ERROR_MAP_WIDTH: usize = 160;
 
-/// The error maps span this many powers of ten.
+/// Decades that the error maps span.
 const ERROR_DECADES: f64 = 4.0;
 
-/// The colour of what is not measured.
+/// The colour of unmeasured pixels.
 const UNMEASURED: [u8; 3] = [0x80, 0x80, 0x80];
 
-/// The colour of what is not a number; not among the others.
+/// The colour of NaN, which is not in the colour map.
 const BROKEN: [u8; 3] = [0x00, 0xff, 0xff];
 
-/// A PNG in a `data:` address, ready for an `<img>`.
+/// Encodes a PNG as a `data:` address for an `<img>`.
 pub fn data_address(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
 }
 
-/// A rendering under an exposure, in a `data:` address.
+/// Encodes a rendering at an exposure as a `data:` address.
 pub fn rendering(image: &Image, exposure: f32) -> Result<String> {
     Ok(data_address(&encode_png(image, exposure)?))
 }
 
-/// What a display shows of an image, as linear values in `[0, 1]`.
+/// Converts an image to displayed linear values in `[0, 1]`.
 fn display(image: &Image, exposure: f32) -> Image {
     let shown = |&pixel: &[f32; 3]| {
         tone_map(Vec3A::from_array(pixel) * exposure.exp2()).map(|code| srgb_decode(f32::from(code) / 255.0))
@@ -45,12 +45,13 @@ fn display(image: &Image, exposure: f32) -> Image {
 pub struct ErrorMap {
     width: usize,
     height: usize,
-    /// `[height * width]`; `None` where no pixel is measured.
+    /// `[height * width]`; `None` for squares without measured pixels.
     errors: Vec<Option<f64>>,
 }
 
 impl ErrorMap {
-    /// The relative squared errors of `image` against the reference of a comparison, which must have the same size.
+    /// Returns the relative squared errors of `image` against the reference of a comparison, which must have
+    /// the same size.
     pub fn of(image: &Image, comparison: &Comparison) -> Result<Self> {
         let reference = &comparison.reference;
         let (size, wanted) = ((image.width, image.height), (reference.width, reference.height));
@@ -66,14 +67,15 @@ impl ErrorMap {
         Ok(Self::averaged(comparison, error))
     }
 
-    /// The values of LDR-FLIP of an image against the reference under an exposure, and their mean over the measured pixels.
+    /// Returns the LDR-FLIP map of an image against the reference at an exposure, and the mean over the
+    /// measured pixels.
     pub fn of_flip(image: &Image, comparison: &Comparison, exposure: f32) -> Result<(Self, f64)> {
         let [reference, shown] = [&comparison.reference, image].map(|image| display(image, exposure));
         let values = flip(&reference, &shown, PIXELS_PER_DEGREE)?;
         Ok((Self::averaged(comparison, |k| values[k]), comparison.mean_of_measured(&values)))
     }
 
-    /// Averages what the measured pixels have.
+    /// Averages values of measured pixels over squares.
     fn averaged(comparison: &Comparison, value: impl Fn(usize) -> f64) -> Self {
         let Image { width: columns, height: rows, .. } = comparison.reference;
         let side = columns.div_ceil(ERROR_MAP_WIDTH).max(1);
@@ -88,7 +90,7 @@ impl ErrorMap {
         Self { width, height, errors }
     }
 
-    /// The map in false colour, from 0 to 1, in a `data:` address.
+    /// Encodes a map of values from 0 to 1 in false colour as a `data:` address.
     pub fn share_picture(&self) -> Result<String> {
         self.coloured(|share| if share.is_nan() { BROKEN } else { ERROR.at(share) })
     }
@@ -98,20 +100,20 @@ impl ErrorMap {
         Ok(data_address(&encode_png_rgb8(self.width, self.height, &pixels)?))
     }
 
-    /// The map in false colour on a scale, in a `data:` address.
+    /// Encodes the map in false colour on a scale as a `data:` address.
     pub fn picture(&self, scale: &ErrorScale) -> Result<String> {
         self.coloured(|error| scale.colour(error))
     }
 }
 
-/// The logarithmic scale that the error maps of a budget share.
+/// The logarithmic scale of all error maps of a budget.
 pub struct ErrorScale {
     /// The power of ten of the brightest colour.
     pub top: f64,
 }
 
 impl ErrorScale {
-    /// The scale whose brightest colour is passed by one error in two hundred.
+    /// The scale whose brightest colour is exceeded by at most 0.5 % of the errors.
     pub fn of<'a>(maps: impl Iterator<Item = &'a ErrorMap>) -> Self {
         let mut errors: Vec<f64> =
             maps.flat_map(|map| map.errors.iter().flatten()).copied().filter(|e| *e > 0.0 && e.is_finite()).collect();
@@ -160,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_that_are_not_measured_are_left_out_of_error_maps() {
+    fn unmeasured_pixels_are_excluded_from_error_maps() {
         let mut image = grey(4, 1, 3.0);
         image.pixels[2] = [1e9; 3];
         let map = error_map(&image, grey(4, 1, 1.0), vec![true, true, false, true]).unwrap();
@@ -169,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn colours_run_from_dark_to_bright_and_mark_what_is_broken() {
+    fn colours_run_from_dark_to_bright_and_mark_nan() {
         let scale = ErrorScale { top: 0.0 };
         assert_eq!(scale.colour(0.0), ERROR.at(0.0));
         assert_eq!(scale.colour(1e-9), ERROR.at(0.0));

@@ -1,4 +1,4 @@
-//! Linear values of a picture on a page, for exposures and differences that an 8-bit picture has not got.
+//! Linear values of a picture on a page, for exposures and differences beyond 8 bits.
 
 use std::io::Write;
 
@@ -7,13 +7,14 @@ use base64::Engine;
 use flate2::{Compression, write::ZlibEncoder};
 use headtail_render::image::Image;
 
-/// Added to the exponent, so that it is a positive byte. The largest exponents are of infinity and of what is not a number.
+/// Exponent bias, which makes it a positive byte. The largest exponent encodes infinity and NaN.
 const BIAS: i32 = 128;
 
-/// `[4, height, width]` bytes, compressed and in base64: mantissas of red, green and blue, and the power of two that they share,
-/// under an exposure in stops. A value is `mantissa * 2^(exponent - 136)`. In each row, every byte is the difference to the one before it.
+/// Encodes `[4, height, width]` bytes, compressed and in base64: mantissas of red, green and blue and their
+/// common exponent, at an exposure in stops. A value is `mantissa * 2^(exponent - 136)`. In each row, every
+/// byte is the difference to the previous one.
 ///
-/// Values are known to half of one in 128, relative to the largest channel. Negative ones become 0.
+/// The absolute error is at most 1/256 of the largest channel. Negative values become 0.
 pub fn encode(image: &Image, exposure: f32) -> Result<String> {
     let mut planes = vec![0_u8; 4 * image.pixels.len()];
     let (count, scale) = (image.pixels.len(), exposure.exp2());
@@ -33,12 +34,12 @@ pub fn encode(image: &Image, exposure: f32) -> Result<String> {
     Ok(base64::engine::general_purpose::STANDARD.encode(encoder.finish()?))
 }
 
-/// Three mantissas and an exponent.
+/// Returns three mantissas and an exponent.
 fn shared_exponent(pixel: [f32; 3]) -> [u8; 4] {
     if pixel.iter().any(|c| c.is_nan()) {
         return [255, 0, 255, 255];
     }
-    // A power beyond the range of the byte is cut; nothing that a display shows is that bright.
+    // Clamped to the range of the exponent, which exceeds any display.
     let [r, g, b] = pixel.map(|c| c.clamp(0.0, 1e38));
     let largest = r.max(g).max(b);
     if largest < 1e-32 {
@@ -62,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn values_come_back_to_half_a_step() {
+    fn values_round_trip_to_half_a_step() {
         for pixel in
             [[1.0, 0.5, 0.25], [0.999, 1e-3, 0.0], [1e-6, 3e-6, 2e-6], [12345.0, 1.0, 9999.0], [255.7, 1.0, 1.0]]
         {

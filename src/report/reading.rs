@@ -1,4 +1,4 @@
-//! What the numbers say, in plain sentences that are generated from them.
+//! Sentences that are generated from the measurements.
 
 use headtail_render::statistics::{RatioInterval, sidak};
 
@@ -6,16 +6,16 @@ use super::chart::comparisons;
 use super::number::{amount, ends, escape, html, times};
 use super::summary::{BudgetKind, Group, Measure, Summary};
 
-/// Above this p-value two means are not told apart.
+/// Means with a larger p-value are not distinguished.
 const SIGNIFICANCE: f64 = 0.05;
 
-/// Deviations of the mean luminance are mentioned from here on...
+/// Deviations of the mean luminance are reported below this p-value...
 const LUMINANCE_SIGNIFICANCE: f64 = 0.001;
 
-/// ... and if they are at least this part of it: the reference is not exact either.
+/// ... if they are at least this fraction of it: the reference has noise, too.
 const LUMINANCE_DEVIATION: f64 = 0.001;
 
-/// Sentences (HTML), the most important first.
+/// Returns sentences as HTML, the most important first.
 pub fn sentences(summary: &Summary, reference_luminance: f64) -> Vec<String> {
     let mut sentences = Vec::new();
     for (_, budget, measure) in comparisons(summary) {
@@ -28,7 +28,7 @@ pub fn sentences(summary: &Summary, reference_luminance: f64) -> Vec<String> {
     sentences
 }
 
-/// Which sampler is best at a budget, by how much, and whether that is more than noise.
+/// The best sampler at a budget, its lead, and whether that is significant.
 fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
     let ranking = summary.ranking(budget, measure);
     let (best, runner_up) = (*ranking.first()?, *ranking.get(1)?);
@@ -60,7 +60,7 @@ fn winner(summary: &Summary, budget: &str, measure: Measure) -> Option<String> {
     Some(sentence + &confidence(best, runner_up, measure) + ".")
 }
 
-/// How far ahead a value is, in words: "3.4 times (3.1 to 3.7)", or "7 %" where that would be "1.1 times".
+/// Describes a ratio in words: "3.4 times (3.1 to 3.7)", or "7 %" for ratios below 1.15.
 fn lead(ratio: &RatioInterval) -> String {
     if ratio.ratio < 1.15 {
         return format!("{}\u{a0}%", times(100.0 * (1.0 - 1.0 / ratio.ratio)));
@@ -71,7 +71,7 @@ fn lead(ratio: &RatioInterval) -> String {
     }
 }
 
-/// Whether the best and the next can be told apart, as a clause.
+/// Whether the best two differ significantly, as a clause.
 fn confidence(best: &Group, next: &Group, measure: Measure) -> String {
     match best.p_value(next, measure) {
         None => "; a single run cannot say how much of this is luck".to_owned(),
@@ -87,7 +87,7 @@ fn confidence(best: &Group, next: &Group, measure: Measure) -> String {
     }
 }
 
-/// Whether another measure than MSE has another winner: then a few pixels decide.
+/// Reports if another measure than MSE has another winner, i.e. if a few pixels decide.
 fn outliers(summary: &Summary) -> Option<String> {
     let budget = &summary.shown_first().name;
     let best = |measure| summary.ranking(budget, measure).first().map(|group| group.sampler.as_str());
@@ -107,7 +107,7 @@ fn outliers(summary: &Summary) -> Option<String> {
     Some(format!("MSE is decided by the brightest pixels: {} (at {}).", different.join(", and "), escape(budget)))
 }
 
-/// Equal samples are not equal work if samplers trace different numbers of rays.
+/// Reports if samplers trace different numbers of rays per sample.
 fn rays(summary: &Summary) -> Option<String> {
     let groups: Vec<&Group> = summary.at(&summary.largest(BudgetKind::Samples)?.name).collect();
     let by_rays = |a: &&&Group, b: &&&Group| a.mean.rays_per_sample.total_cmp(&b.mean.rays_per_sample);
@@ -124,7 +124,7 @@ fn rays(summary: &Summary) -> Option<String> {
     ))
 }
 
-/// Whether all samplers agree with the reference on the mean luminance, i.e. whether any looks biased.
+/// Reports whether any sampler's mean luminance deviates from the reference, i.e. looks biased.
 fn luminance(summary: &Summary, reference: f64) -> Option<String> {
     let groups: Vec<&Group> = summary.at(&summary.shown_first().name).collect();
     if !(reference.is_finite() && reference > 0.0) || groups.iter().any(|group| group.runs < 2) {
@@ -151,7 +151,7 @@ fn luminance(summary: &Summary, reference: f64) -> Option<String> {
     })
 }
 
-/// Samplers whose images have pixels that are not numbers.
+/// Names samplers whose images have non-finite pixels.
 fn broken(summary: &Summary) -> Option<String> {
     let mut names: Vec<&str> =
         summary.groups.iter().filter(|group| !group.mse.mean.is_finite()).map(|group| group.sampler.as_str()).collect();
@@ -179,7 +179,8 @@ mod tests {
     use super::super::synthetic;
     use super::*;
 
-    /// Three runs of each sampler with MSEs 2 % apart around the given one, and a noise of its own: the order differs.
+    /// Three runs per sampler with MSEs 2 % apart around the given one; the order of the noise differs by
+    /// sampler.
     fn rows(budget: &str, samplers: &[(&str, f64)]) -> Vec<Measurement> {
         let run = |(index, sampler): (u32, &str), mse: f64, run: u32| Measurement {
             mse: mse * (1.0 + 0.02 * f64::from((run + index) % 3)),
@@ -207,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lead_within_noise_is_called_so() {
+    fn leads_within_noise_are_reported_as_such() {
         let text = read(&rows("16spp", &[("mis", 8.0), ("ris", 1.005), ("head", 1.0)]));
         assert!(
             text.contains("and 0.50\u{a0}% lower than the next, <b>ris</b>; with 3 runs the two cannot be told apart"),
@@ -219,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_budget_of_time_mse_times_time_stands_in() {
+    fn mse_times_time_replaces_a_missing_time_budget() {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.ttuv = 100.0);
         let text = read(&all);
@@ -227,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_of_time_that_was_overrun_is_not_called_equal_time() {
+    fn overrun_time_budgets_are_not_called_equal_time() {
         let mut all = rows("2s", &[("mis", 8.0), ("head", 1.0)]);
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.seconds *= 1.1);
         let text = read(&all);
@@ -235,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn another_winner_by_another_measure_is_mentioned() {
+    fn a_different_winner_by_another_measure_is_reported() {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
         assert!(!read(&all).contains("brightest pixels"));
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.relmse_trimmed = 100.0);
@@ -243,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bias_is_called_one_and_agreement_too() {
+    fn bias_and_agreement_are_reported() {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0)]);
         assert!(read(&all).contains("All samplers agree"));
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.mean_luminance *= 0.9);
@@ -252,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn more_rays_and_broken_images_are_told() {
+    fn extra_rays_and_broken_images_are_reported() {
         let mut all = rows("16spp", &[("mis", 8.0), ("head", 1.0), ("bad<>", f64::NAN)]);
         all.iter_mut().filter(|row| row.sampler == "head").for_each(|row| row.rays_per_sample = 2.0);
         let text = read(&all);
@@ -261,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lone_sampler_has_nothing_to_be_compared_with() {
+    fn a_single_sampler_is_not_ranked() {
         assert!(!read(&rows("16spp", &[("mis", 8.0)])).contains("lowest"));
     }
 }

@@ -1,11 +1,11 @@
-//! What all pages share: head, header, style, script.
+//! Common parts of all pages: head, header, style, script.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::vector;
 
 const STYLE: &str = include_str!("style/page.css");
-/// Makes tables sortable, and pictures comparable.
+/// Scripts that sort tables and compare pictures.
 const SCRIPTS: [&str; 4] = [
     include_str!("script/radiance.js"),
     include_str!("script/stage.js"),
@@ -13,9 +13,9 @@ const SCRIPTS: [&str; 4] = [
     include_str!("script/table.js"),
 ];
 
-/// A page that needs nothing but itself.
+/// A self-contained page.
 pub struct Page<'a> {
-    /// What kind of page it is: "comparison of samplers".
+    /// The kind of page: "comparison of samplers".
     pub kicker: &'a str,
     /// For the window's title bar.
     pub title: String,
@@ -23,18 +23,18 @@ pub struct Page<'a> {
     pub heading: Markup,
     /// Facts below it.
     pub facts: Vec<String>,
-    /// The command that made it; may be empty.
+    /// The command that produced it; may be empty.
     pub command: &'a str,
-    /// The version of headtail that made it.
+    /// The version of headtail that produced it.
     pub version: &'a str,
-    /// Style beyond that of all pages.
+    /// Style in addition to that of all pages.
     pub style: &'a str,
-    /// Script beyond that of all pages.
+    /// Script in addition to that of all pages.
     pub script: &'a str,
 }
 
 impl Page<'_> {
-    /// The whole page. It asks for nothing from outside.
+    /// Returns the HTML page, which loads no external resources.
     pub fn encode(&self, main: &Markup) -> String {
         let policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
         let style = [vector::PALETTE, vector::STYLE, STYLE, self.style].concat();
@@ -71,7 +71,7 @@ impl Page<'_> {
     }
 }
 
-/// "1 run", "3 runs".
+/// Returns "1 run", "3 runs".
 pub fn count(number: usize, thing: &str) -> String {
     format!("{number} {thing}{}", if number == 1 { "" } else { "s" })
 }

@@ -1,21 +1,21 @@
-//! Two pictures on top of each other, with a divider to drag, their difference, and an exposure.
+//! Two superimposed pictures with a draggable divider, their difference, and an exposure.
 
 use maud::{Markup, html};
 
-/// A choice of a side: the id of an `<img>` element elsewhere on the page.
+/// A picture to choose for a side: the id of an `<img>` element on the page.
 pub struct Choice {
     /// The id.
     pub id: String,
     /// Its name.
     pub name: String,
-    /// What stands below the name on the picture; may be empty.
+    /// Text below the name on the picture; may be empty.
     pub note: String,
 }
 
-/// Choices under a heading; an empty heading is none.
+/// Choices grouped under headings; an empty heading is not shown.
 pub type Choices = [(String, Vec<Choice>)];
 
-/// The section of the page; the ids that are shown first come last.
+/// Returns the section; the last argument has the ids that are shown first.
 pub fn section((width, height): (usize, usize), choices: &Choices, [left, right]: [&str; 2]) -> Markup {
     let ratio = width as f64 / height as f64;
     html! {

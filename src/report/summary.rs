@@ -8,34 +8,34 @@ use headtail_render::statistics::{MeanInterval, Moments, RatioInterval, TTest};
 use super::Measurement;
 use super::kind::Look;
 
-/// The sampler that others are measured by, if it is among them.
+/// The default baseline.
 const BASELINE: &str = "mis";
 
-/// The comparison at a glance.
+/// A comparison grouped by sampler and budget.
 pub struct Summary {
-    /// Samplers as the rows call them, in the order of the rows.
+    /// Samplers by name, in the order of the rows.
     pub samplers: Vec<String>,
     /// Colours and markers, in the same order.
     looks: Vec<Look>,
-    /// Budgets of samples from small to large, then budgets of time from small to large, then others as they come.
+    /// Budgets of samples in ascending order, then budgets of time, then others in order of appearance.
     pub budgets: Vec<Budget>,
-    /// One for each sampler at each budget that has runs; by budget, then by sampler.
+    /// One per sampler and budget with runs; by budget, then by sampler.
     pub groups: Vec<Group>,
-    /// The sampler that ratios are to: one-sample MIS if present, else the first.
+    /// The sampler that ratios refer to: one-sample MIS if present, else the first.
     pub baseline: String,
 }
 
-/// What a run was allowed.
+/// The budget of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Budget {
     /// As in the rows, `16spp` or `2s`.
     pub name: String,
-    /// What it is an amount of.
+    /// Its unit.
     pub kind: BudgetKind,
     amount: f64,
 }
 
-/// What a budget is an amount of.
+/// The unit of a budget.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub enum BudgetKind {
     /// Samples per pixel.
@@ -57,7 +57,7 @@ impl Budget {
         Self { name: name.to_owned(), kind, amount }
     }
 
-    /// The budget in words.
+    /// Describes the budget in words.
     pub fn words(&self) -> String {
         let plural = if self.amount == 1.0 { "" } else { "s" };
         match self.kind {
@@ -90,11 +90,11 @@ pub struct Group {
     pub ttuv: MeanInterval,
     /// Mean luminance.
     pub mean_luminance: MeanInterval,
-    /// The single runs.
+    /// The individual runs.
     rows: Vec<Measurement>,
 }
 
-/// A measure by which samplers are compared; less is better.
+/// A measure by which samplers are compared; lower is better.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Measure {
     /// MSE.
@@ -110,7 +110,7 @@ pub enum Measure {
 }
 
 impl Measure {
-    /// The value of a run.
+    /// Returns the value of a run.
     fn of(self, row: &Measurement) -> f64 {
         match self {
             Self::Mse => row.mse,
@@ -154,7 +154,7 @@ impl Group {
         })
     }
 
-    /// The mean and interval of a measure.
+    /// Returns the mean and interval of a measure.
     pub fn measure(&self, measure: Measure) -> &MeanInterval {
         match measure {
             Measure::Mse => &self.mse,
@@ -165,9 +165,9 @@ impl Group {
         }
     }
 
-    /// Values of a measure over the runs that this group and `other` both have: `[this, other]`, run by run.
+    /// Returns values of a measure over the common runs of this group and `other`: `[this, other]`, by run.
     ///
-    /// Runs of one number have one seed, so camera rays and some of the noise are the same.
+    /// Runs of one number use one seed, so camera rays and some of the noise are the same.
     fn paired(&self, other: &Self, measure: Measure) -> [Vec<f64>; 2] {
         let pairs = self.rows.iter().filter_map(|row| {
             let partner = other.rows.iter().find(|partner| partner.run == row.run)?;
@@ -177,7 +177,7 @@ impl Group {
         [own, others]
     }
 
-    /// The p-value of the paired t-test that this and `other` have the same mean of a measure; `None` for fewer than two
+    /// Returns the p-value of the paired t-test for equal means of a measure; `None` for fewer than two
     /// common runs.
     pub fn p_value(&self, other: &Self, measure: Measure) -> Option<f64> {
         let [own, others] = self.paired(other, measure);
@@ -186,14 +186,14 @@ impl Group {
         (differences.len() > 1).then_some(TTest::paired(&Moments::of(&differences)?, scale).p_value)
     }
 
-    /// The p-value of the test that the mean luminance is `expected`; `None` for a single run.
+    /// Returns the p-value of the test for a mean luminance of `expected`; `None` for a single run.
     pub fn luminance_p_value(&self, expected: f64) -> Option<f64> {
         let differences: Vec<f64> = self.rows.iter().map(|row| row.mean_luminance - expected).collect();
         (differences.len() > 1).then_some(TTest::paired(&Moments::of(&differences)?, expected.abs()).p_value)
     }
 
-    /// How many times smaller the mean of a measure is than that of `other`, over their common runs; above 1 is better.
-    /// `None` without common runs, or if the ratio is not positive and finite.
+    /// Returns the mean of `other` divided by this mean over their common runs; above 1 is better. `None`
+    /// without common runs, or if the ratio is not positive and finite.
     pub fn ratio(&self, other: &Self, measure: Measure) -> Option<RatioInterval> {
         let [own, others] = self.paired(other, measure);
         RatioInterval::paired(&others, &own)
@@ -224,43 +224,43 @@ impl Summary {
         Ok(Self { looks, samplers, budgets, groups, baseline })
     }
 
-    /// The baseline in words.
+    /// Names the baseline in words.
     pub fn baseline_words(&self) -> String {
         if self.baseline == BASELINE { "one-sample MIS".to_owned() } else { self.baseline.clone() }
     }
 
-    /// The colour and marker of a sampler.
+    /// Returns the colour and marker of a sampler.
     pub fn look(&self, sampler: &str) -> Look {
         self.looks[self.samplers.iter().position(|known| known == sampler).unwrap_or(0)]
     }
 
-    /// The group of a sampler at a budget.
+    /// Returns the group of a sampler at a budget.
     pub fn group(&self, sampler: &str, budget: &str) -> Option<&Group> {
         self.groups.iter().find(|group| group.sampler == sampler && group.budget == budget)
     }
 
-    /// The groups at a budget, in the order of the samplers.
+    /// Returns the groups at a budget, in the order of the samplers.
     pub fn at(&self, budget: &str) -> impl Iterator<Item = &Group> {
         self.groups.iter().filter(move |group| group.budget == budget)
     }
 
-    /// The largest budget of a kind at which at least one sampler ran.
+    /// Returns the largest budget of a kind with runs.
     pub fn largest(&self, kind: BudgetKind) -> Option<&Budget> {
         self.budgets.iter().rfind(|budget| budget.kind == kind)
     }
 
-    /// The budget whose images are shown first: the largest of samples, else the last.
+    /// Returns the budget whose images are shown first: the largest of samples, else the last.
     pub fn shown_first(&self) -> &Budget {
         let last = self.budgets.last().expect("a summary has runs, so it has a budget");
         self.largest(BudgetKind::Samples).unwrap_or(last)
     }
 
-    /// How many times smaller a measure of a sampler is than the baseline's at the same budget, over their common runs.
+    /// Returns the baseline's measure divided by the group's at the same budget, over their common runs.
     pub fn ratio(&self, group: &Group, measure: Measure) -> Option<RatioInterval> {
         group.ratio(self.group(&self.baseline, &group.budget)?, measure)
     }
 
-    /// The groups at a budget with a finite measure, the best first.
+    /// Returns the groups at a budget with a finite measure, best first.
     pub fn ranking(&self, budget: &str, measure: Measure) -> Vec<&Group> {
         let mut groups: Vec<&Group> = self.at(budget).filter(|group| group.measure(measure).mean.is_finite()).collect();
         groups.sort_by(|a, b| a.measure(measure).mean.total_cmp(&b.measure(measure).mean));
@@ -268,7 +268,7 @@ impl Summary {
     }
 }
 
-/// The distinct names in order of appearance.
+/// Returns the distinct names in order of appearance.
 pub(super) fn in_order<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut distinct: Vec<String> = Vec::new();
     for name in names {
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn means_and_ratios_are_to_one_sample_mis_wherever_it_stands() {
+    fn ratios_refer_to_one_sample_mis_in_any_order() {
         let rows = [("ris", 0, 1.0), ("ris", 1, 3.0), ("mis", 0, 8.0), ("mis", 1, 8.0)]
             .map(|(sampler, run, mse)| Measurement { mse, max_weight: mse, ..synthetic::row(sampler, "16spp", run) });
         let summary = Summary::of(&rows).unwrap();
@@ -309,15 +309,15 @@ mod tests {
     }
 
     #[test]
-    fn runs_are_needed() {
+    fn empty_comparisons_are_rejected() {
         assert!(Summary::of(&[]).is_err());
     }
 
-    /// Four runs with noise that both samplers share, of which `ris` has three quarters.
+    /// Four runs with common noise; `ris` has 75 % of the MSE of `mis`.
     fn shared_noise() -> Vec<Measurement> {
         let row = |sampler: &str, run: u32, mse: f64| Measurement { mse, ..synthetic::row(sampler, "16spp", run) };
         let noise = [1.0, 3.0, 2.0, 7.0];
-        // Rows of a file may come in any order: pairs are found by the number of the run.
+        // Rows may be in any order; pairs match by run number.
         let mut rows: Vec<Measurement> = noise.iter().zip(0_u32..4).map(|(&mse, run)| row("mis", run, mse)).collect();
         rows.extend(
             noise.iter().zip(0_u32..4).rev().map(|(&mse, run)| row("ris", run, 0.75 * mse + 0.01 * f64::from(run))),
@@ -326,11 +326,11 @@ mod tests {
     }
 
     #[test]
-    fn noise_that_runs_share_does_not_hide_a_difference() {
+    fn common_noise_cancels_in_paired_tests() {
         let summary = Summary::of(&shared_noise()).unwrap();
         let [mis, ris] = ["mis", "ris"].map(|sampler| summary.group(sampler, "16spp").unwrap());
-        // The differences are 0.25, 0.74, 0.48, 1.72: mean 0.7975, standard error 0.3234, t = 2.466, and p = 0.0904 with 3
-        // degrees of freedom. Unpaired, t would be 0.48.
+        // The differences are 0.25, 0.74, 0.48, 1.72: mean 0.7975, standard error 0.3234, t = 2.466, and
+        // p = 0.0904 with 3 degrees of freedom. Unpaired, t would be 0.48.
         let p = ris.p_value(mis, Measure::Mse).unwrap();
         assert!((p - 0.0904).abs() < 1e-4, "{p}");
         let (low, high) = summary.ratio(ris, Measure::Mse).unwrap().ends().unwrap();
@@ -356,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_has_no_ratio_and_no_rank() {
+    fn nan_is_excluded_from_ratios_and_ranking() {
         let broken = Measurement { mse: f64::NAN, ..synthetic::row("ris", "16spp", 0) };
         let summary = Summary::of(&[synthetic::row("mis", "16spp", 0), broken]).unwrap();
         let ris = summary.group("ris", "16spp").unwrap();

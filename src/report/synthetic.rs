@@ -1,4 +1,4 @@
-//! A made-up comparison for the tests: a lit ball on a plane with the noise of samplers of known quality.
+//! A synthetic comparison for tests: a lit ball on a plane with the noise of samplers of known quality.
 
 use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
@@ -8,7 +8,7 @@ use headtail_eval::mean_luminance;
 
 use super::{Comparison, Measurement, Preparation, RenderedImage, State};
 
-/// A run of no particular result.
+/// A run with arbitrary results.
 pub fn row(sampler: &str, budget: &str, run: u32) -> Measurement {
     Measurement {
         scene: "ball".into(),
@@ -54,7 +54,7 @@ fn reference(width: usize, height: usize) -> Image {
     image
 }
 
-/// A rendering with gamma-like noise of a relative variance.
+/// A rendering with gamma-like noise of the given relative variance.
 fn noisy(reference: &Image, variance: f32, random: &mut Stream) -> Image {
     let mut image = reference.clone();
     let terms = (1.0 / variance).ceil().max(1.0) as usize;

@@ -1,4 +1,4 @@
-//! Tables: on a page, as LaTeX (booktabs) and as CSV.
+//! Tables for pages, LaTeX (booktabs) and CSV.
 
 use std::{fmt::Write, path::Path};
 
@@ -9,16 +9,16 @@ use maud::{Markup, PreEscaped, html};
 use super::number;
 use super::vector::saved;
 
-/// What a cell holds.
+/// The value of a cell.
 #[derive(Clone, Debug)]
 pub enum Value {
-    /// Words.
+    /// Text.
     Text(String),
-    /// A number with so many significant digits.
+    /// A number with its count of significant digits.
     Number(f64, usize),
-    /// A number that is a whole one as often as not.
+    /// A number that is often an integer.
     Amount(f64),
-    /// How many times one thing is another.
+    /// A ratio.
     Times(f64),
     /// Seconds with a fitting unit.
     Duration(f64),
@@ -29,15 +29,15 @@ pub enum Value {
 /// A cell of a table.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// What it holds.
+    /// The value.
     pub value: Value,
-    /// How well that is known, in words; may be empty.
+    /// Its uncertainty in words; may be empty.
     pub beside: String,
-    /// Whether it is marked.
+    /// Whether it is highlighted.
     pub marked: bool,
     /// The name's marker, as SVG.
     pub swatch: String,
-    /// What rows are sorted by, where that is not the value.
+    /// The sort key if it is not the value.
     pub order: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl From<Value> for Cell {
 }
 
 impl Cell {
-    /// Words.
+    /// A cell of text.
     pub fn text(words: impl Into<String>) -> Self {
         Value::Text(words.into()).into()
     }
@@ -58,17 +58,17 @@ impl Cell {
         Value::Number(value, 3).into()
     }
 
-    /// The same with how well it is known.
+    /// Adds the uncertainty.
     pub fn beside(self, beside: impl Into<String>) -> Self {
         Self { beside: beside.into(), ..self }
     }
 
-    /// The same, marked or not.
+    /// Sets the highlight.
     pub fn marked(self, marked: bool) -> Self {
         Self { marked, ..self }
     }
 
-    /// The number that it holds, NaN if it holds none.
+    /// Returns the number, NaN if there is none.
     pub fn amount(&self) -> f64 {
         match self.value {
             Value::Number(value, _) | Value::Amount(value) | Value::Times(value) | Value::Duration(value) => value,
@@ -76,7 +76,7 @@ impl Cell {
         }
     }
 
-    /// As JSON: words, a number, or null. A number's interval is left out.
+    /// Converts the value to a JSON string, number or null, without its interval.
     pub fn json(&self) -> serde_json::Value {
         match &self.value {
             Value::Text(words) => words.as_str().into(),
@@ -106,7 +106,7 @@ impl Cell {
         if self.beside.is_empty() { shown } else { format!("{shown} {{\\scriptsize {}}}", latex_text(&self.beside)) }
     }
 
-    /// What is shown, where it has no markup unless it needs a power of ten.
+    /// Formats the value, with markup only for powers of ten.
     fn html_free(&self) -> String {
         match self.value {
             Value::Amount(value) if value.fract() != 0.0 => number::text(value),
@@ -140,12 +140,12 @@ pub struct Column {
 }
 
 impl Column {
-    /// Of words.
+    /// A column of text.
     pub fn text(title: impl Into<String>) -> Self {
         Self { title: title.into(), unit: String::new(), is_number: false }
     }
 
-    /// Of numbers.
+    /// A column of numbers.
     pub fn number(title: impl Into<String>, unit: impl Into<String>) -> Self {
         Self { title: title.into(), unit: unit.into(), is_number: true }
     }
@@ -155,23 +155,23 @@ impl Column {
     }
 }
 
-/// A table whose first cells name the rows.
+/// A table whose first column names the rows.
 pub struct Table {
-    /// What its files are called.
+    /// Stem of its file names.
     pub name: String,
     /// The columns.
     pub columns: Vec<Column>,
-    /// Groups of rows, divided by rules.
+    /// Groups of rows, separated by rules.
     pub groups: Vec<Vec<Vec<Cell>>>,
 }
 
 impl Table {
-    /// A table of one group.
+    /// A table with one group.
     pub fn new(name: impl Into<String>, columns: Vec<Column>, rows: Vec<Vec<Cell>>) -> Self {
         Self { name: name.into(), columns, groups: vec![rows] }
     }
 
-    /// Writes it into a folder as LaTeX and CSV.
+    /// Writes the table into a folder as LaTeX and CSV.
     ///
     /// # Errors
     /// If a file cannot be written.
@@ -180,7 +180,7 @@ impl Table {
         Ok(file::replace(&folder.join(&self.name).with_extension("csv"), &self.csv()?)?)
     }
 
-    /// For a page, with links that save it; a click on a head sorts where `sortable`.
+    /// Returns HTML with links that save the table; clicks on headings sort it if `sortable`.
     pub fn html(&self, sortable: bool) -> Markup {
         let class = |column: &Column| column.is_number.then_some("number");
         html! {
@@ -221,7 +221,7 @@ impl Table {
         }
     }
 
-    /// A `tabular` for the package booktabs.
+    /// Returns a `tabular` for the package booktabs.
     pub fn latex(&self) -> String {
         let columns: String = self.columns.iter().map(|column| if column.is_number { 'r' } else { 'l' }).collect();
         let line = |cells: Vec<String>| format!("{} \\\\\n", cells.join(" & "));
@@ -234,7 +234,7 @@ impl Table {
         latex + "\\bottomrule\n\\end{tabular}\n"
     }
 
-    /// Numbers in full precision; where cells say how well they are known, that has a column of its own.
+    /// Encodes numbers in full precision; uncertainties get a column of their own.
     ///
     /// # Errors
     /// Never in memory; see [`csv::Writer`].
@@ -259,14 +259,14 @@ impl Table {
     }
 }
 
-/// A number as LaTeX, with a power of ten where it needs one.
+/// Formats a number as LaTeX, with a power of ten if needed.
 fn latex_number(value: f64, digits: usize) -> String {
     let html = number::html_digits(value, digits);
     let math = html.replace('\u{202f}', "").replace("\u{d7}10<sup>", "\\times10^{").replace("</sup>", "}");
     if value.is_finite() { format!("${}$", math.replace('\u{2212}', "-")) } else { latex_text(&html) }
 }
 
-/// Words for LaTeX.
+/// Escapes text for LaTeX.
 fn latex_text(words: &str) -> String {
     let mut latex = String::with_capacity(words.len());
     for letter in words.chars() {
@@ -329,7 +329,7 @@ mod tests {
     }
 
     #[test]
-    fn csv_has_whole_numbers_and_intervals() {
+    fn csv_has_full_precision_and_intervals() {
         let csv = String::from_utf8(table().csv().unwrap()).unwrap();
         let lines: Vec<&str> = csv.lines().collect();
         assert_eq!(lines[0], "Sampler,MSE (100 %),\"MSE (100 %), 95 % interval\",Rays");
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_escapes_names_and_marks_what_is_marked() {
+    fn html_escapes_names_and_highlights_marked_cells() {
         let html = table().html(true).into_string();
         assert!(html.contains("a_b&lt;i&gt;") && !html.contains("<i>"));
         assert_eq!(html.matches("class=\"number best\"").count(), 1);

@@ -1,4 +1,4 @@
-//! The first figure of a paper: a picture, and insets of all samplers with their numbers.
+//! A teaser figure: a picture, and insets of all samplers with their numbers.
 
 use anyhow::Result;
 
@@ -13,13 +13,13 @@ use super::{
 
 /// Height of the large picture.
 const HEIGHT: f64 = 400.0;
-/// Between insets.
+/// Gap between insets.
 const GAP: f64 = 5.0;
-/// Above the pictures, for names.
+/// Height above the pictures for names.
 const HEAD: f64 = 40.0;
-/// Below the pictures, for numbers.
+/// Height below the pictures for numbers.
 const FOOT: f64 = 64.0;
-/// The frames of the insets, bright enough for any picture.
+/// Colours of the inset frames, visible on any picture.
 const FRAMES: [&str; 2] = ["#ffb000", "#4cc3ff"];
 
 /// A column of insets.
@@ -29,10 +29,11 @@ struct Column<'a> {
     numbers: [String; 3],
 }
 
-/// The figure at the largest budget of time, else at the one that is shown first; has no drawings without pictures.
+/// Draws the figure at the largest budget of time, else at the budget that is shown first. Empty without
+/// pictures.
 ///
 /// # Errors
-/// If a picture is not of the size of the reference.
+/// If a picture differs in size from the reference.
 pub fn teaser(comparison: &Comparison, summary: &Summary, exposure: f32) -> Result<Chart> {
     let name = "pictures".to_owned();
     let budget = summary.largest(BudgetKind::Time).unwrap_or(summary.shown_first());
@@ -59,7 +60,7 @@ pub fn teaser(comparison: &Comparison, summary: &Summary, exposure: f32) -> Resu
     Ok(Chart { name, drawings })
 }
 
-/// MSE, how many times lower than the baseline's it is, and FLIP.
+/// MSE, its ratio to the baseline's, and FLIP.
 fn numbers(
     comparison: &Comparison,
     summary: &Summary,

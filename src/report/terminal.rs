@@ -7,7 +7,7 @@ use anyhow::Result;
 use super::Measurement;
 use super::summary::{Measure, Summary};
 
-/// A line of headings, then one for each sampler at each budget: number of runs, mean MSE, how many times smaller it is than the
+/// Returns a heading, then a line per sampler and budget: number of runs, mean MSE, its ratio to the
 /// baseline's with the 95 % interval, samples per pixel, seconds.
 ///
 /// # Errors

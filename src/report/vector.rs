@@ -1,4 +1,4 @@
-//! Vector drawings: part of a page, where they follow its light or dark theme, or SVG files of their own.
+//! Vector drawings: embedded in a page, where they follow its theme, or as SVG files.
 
 use std::{
     fmt::{Arguments, Write},
@@ -12,12 +12,12 @@ use maud::{Markup, PreEscaped, html};
 
 use super::number::escape;
 
-/// Colours by name, the light theme first.
+/// Named colours, the light theme first.
 pub const PALETTE: &str = include_str!("style/palette.css");
-/// What drawings are styled by, in terms of the palette.
+/// Style of drawings in terms of the palette.
 pub const STYLE: &str = include_str!("style/chart.css");
 
-/// A drawing that is being made. Lengths are pixels, y runs down.
+/// A drawing under construction, in pixels with y down.
 pub struct Drawing {
     class: &'static str,
     width: f64,
@@ -27,29 +27,29 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// An empty drawing with what a screen reader says of it.
+    /// An empty drawing with a label for screen readers.
     pub fn new(class: &'static str, (width, height): (f64, f64), label: impl Into<String>) -> Self {
         Self { class, width, height, label: label.into(), body: String::new() }
     }
 
-    /// Elements as they are; texts in them must be escaped.
+    /// Appends raw elements; their text must be escaped.
     pub fn raw(&mut self, elements: Arguments) {
         self.body.write_fmt(elements).expect("a String takes all that is written to it");
     }
 
-    /// What `draw` draws, as a group of a class.
+    /// Wraps the output of `draw` in a group with a class.
     pub fn group(&mut self, class: &str, draw: impl FnOnce(&mut Self)) {
         self.raw(format_args!("<g class=\"{class}\">"));
         draw(self);
         self.body.push_str("</g>");
     }
 
-    /// A path.
+    /// Appends a path.
     pub fn path(&mut self, class: &str, d: Arguments) {
         self.raw(format_args!("<path class=\"{class}\" d=\"{d}\"/>"));
     }
 
-    /// A line of text; `anchor` is `start`, `middle` or `end`.
+    /// Appends a line of text; `anchor` is `start`, `middle` or `end`.
     pub fn text(&mut self, class: &str, anchor: &str, (x, y): (f64, f64), words: &str) {
         let words = escape(words);
         self.raw(format_args!(
@@ -57,7 +57,7 @@ impl Drawing {
         ));
     }
 
-    /// A picture in a `data:` address.
+    /// Appends a picture from a `data:` address.
     pub fn picture(&mut self, address: &str, (x, y): (f64, f64), (width, height): (f64, f64)) {
         self.raw(format_args!(
             "<image x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" preserveAspectRatio=\"none\" \
@@ -65,7 +65,7 @@ impl Drawing {
         ));
     }
 
-    /// For a page that has [`PALETTE`] and [`STYLE`].
+    /// Returns SVG for a page that has [`PALETTE`] and [`STYLE`].
     pub fn svg(&self) -> String {
         let Self { class, width, height, label, body } = self;
         let label = escape(label);
@@ -74,7 +74,7 @@ impl Drawing {
         )
     }
 
-    /// As a file: it needs nothing but itself, and has the colours of the light theme.
+    /// Returns a self-contained SVG file in the colours of the light theme.
     pub fn file(&self) -> String {
         let Self { width, height, label, body, .. } = self;
         let (label, style) = (escape(label), light(STYLE));
@@ -86,28 +86,29 @@ impl Drawing {
     }
 }
 
-/// A style sheet with the colours of the light theme in the place of their names.
+/// Replaces colour names in a style sheet by those of the light theme.
 fn light(style: &str) -> String {
     let theme = PALETTE.split('}').next().unwrap_or_default();
     let colours = theme.lines().filter_map(|line| line.trim().strip_suffix(';')?.split_once(": "));
     colours.fold(style.to_owned(), |style, (name, colour)| style.replace(&format!("var({name})"), colour))
 }
 
-/// A chart of a page: one drawing for wide and, where its text would become too small, one for narrow windows.
+/// A chart of a page: a drawing for wide windows and, where text would become too small, one for narrow
+/// windows.
 pub struct Chart {
-    /// What its files are called.
+    /// Stem of its file name.
     pub name: String,
-    /// From narrow to wide, or a single one.
+    /// From narrow to wide, or a single drawing.
     pub drawings: Vec<Drawing>,
 }
 
 impl Chart {
-    /// The drawing that files are made of.
+    /// Returns the drawing for files.
     pub fn widest(&self) -> Option<&Drawing> {
         self.drawings.last()
     }
 
-    /// Writes it into a folder as SVG.
+    /// Writes the chart into a folder as SVG.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -118,7 +119,7 @@ impl Chart {
         Ok(())
     }
 
-    /// The chart with a link that saves it; empty if there is nothing to draw.
+    /// Returns the chart with a link that saves it; empty without drawings.
     pub fn html(&self) -> Markup {
         let Some(widest) = self.widest() else { return PreEscaped(String::new()) };
         html! {
@@ -130,12 +131,12 @@ impl Chart {
     }
 }
 
-/// A link that saves bytes under a name.
+/// Returns a link that saves bytes under a name.
 pub fn saved(name: &str, extension: &str, kind: &str, bytes: &[u8]) -> Markup {
     link(name, extension, &format!("data:{kind};base64,{}", base64::engine::general_purpose::STANDARD.encode(bytes)))
 }
 
-/// A link that saves what is at an address under a name.
+/// Returns a link that saves the resource at an address under a name.
 pub fn link(name: &str, extension: &str, address: &str) -> Markup {
     let (file, words) = (format!("{name}.{extension}"), extension.to_uppercase());
     let label = format!("Save {name} as {words}");
@@ -154,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_needs_nothing_but_itself() {
+    fn svg_files_are_self_contained() {
         let file = drawing().file();
         assert!(file.contains("xmlns=\"http://www.w3.org/2000/svg\"") && !file.contains("var("), "{file}");
         assert!(file.contains("MSE &amp; \u{d7}") && file.contains("a &lt;test&gt;"));

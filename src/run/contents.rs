@@ -1,4 +1,5 @@
-//! What the files that runs name hold, as hashes: a run is known by maps, scenes and materials as they are, and not by where they lie.
+//! Hashes of the files that runs name: a run is identified by the content of maps, scenes and materials, not
+//! by their paths.
 
 use std::{
     collections::HashMap,
@@ -15,15 +16,15 @@ use headtail_render::{
     scene::{MaterialSpec, Scene, built_in_names},
 };
 
-/// A kind of file, and the name that a run has it by.
+/// Kind and name of a file.
 type Key = (&'static str, String);
 
-/// Hashes of files by their names. Each is read once: a file that changes later keeps the hash that it had.
+/// Hashes of files by name. Each file is read once: later changes do not affect its hash.
 #[derive(Debug, Default)]
 pub struct Contents(Mutex<HashMap<Key, String>>);
 
 impl Contents {
-    /// Of a map: its repaired texels. A built-in map is known by its name.
+    /// Returns the hash of a map's repaired texels. Built-in maps are identified by name.
     pub fn map(&self, name: &str) -> String {
         if BUILT_IN_NAMES.contains(&name) {
             return name.to_owned();
@@ -31,7 +32,7 @@ impl Contents {
         self.of("map", name, || Environment::open(name).ok().map(|map| map.hash().to_owned()))
     }
 
-    /// Of a scene: meshes, materials and camera. A built-in scene is known by its name.
+    /// Returns the hash of a scene's meshes, materials and camera. Built-in scenes are identified by name.
     pub fn scene(&self, name: &str) -> String {
         if built_in_names().any(|known| known == name) {
             return name.to_owned();
@@ -43,7 +44,7 @@ impl Contents {
         self.of("scene", name, read)
     }
 
-    /// Of a material: its description, with the file's bytes in the place of its name.
+    /// Returns the description of a material, with the file's hash in place of its name.
     pub fn material(&self, text: &str) -> String {
         match text.parse() {
             Ok(MaterialSpec::Measured { file, names }) => format!("{} {names:?}", self.bytes(&file)),
@@ -56,20 +57,22 @@ impl Contents {
         self.of("material", &text_of(path), || hash_of(path).ok())
     }
 
-    /// What `read` finds, once for each name. A file that cannot be read is known by its name: the run will say what is wrong with it.
+    /// Returns the result of `read`, which is called once per name. A file that cannot be read is identified
+    /// by name: the run reports the error.
     fn of(&self, kind: &'static str, name: &str, read: impl FnOnce() -> Option<String>) -> String {
         let key = (kind, name.to_owned());
         let known = |contents: &Self| contents.0.lock().unwrap_or_else(PoisonError::into_inner).get(&key).cloned();
         if let Some(hash) = known(self) {
             return hash;
         }
-        // Not under the lock: reading uses all threads, and one that waits for the others may be given a task that asks for the same lock.
+        // Without the lock: reading uses all threads, and a waiting thread may be given a task that asks for
+        // the same lock.
         let hash = read().unwrap_or_else(|| format!("unread {name}"));
         self.0.lock().unwrap_or_else(PoisonError::into_inner).entry(key).or_insert(hash).clone()
     }
 }
 
-/// BLAKE3 of a regular file.
+/// Returns the BLAKE3 hash of a regular file.
 fn hash_of(path: &Path) -> std::io::Result<String> {
     let (mut file, _): (fs::File, u64) = file::open_regular(path)?;
     let mut hasher = blake3::Hasher::new();
@@ -87,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_is_known_by_what_is_in_it() {
+    fn maps_are_identified_by_content() {
         let folder = tempfile::tempdir().unwrap();
         let map = |name: &str, red: u8| {
             let path = folder.path().join(name);
@@ -108,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_material_is_known_by_its_file_and_its_names() {
+    fn materials_are_identified_by_file_content_and_names() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, text: &str| {
             let path = folder.path().join(name);

@@ -1,4 +1,4 @@
-//! What is measured of a trained sampler, as figures by name.
+//! Measurements of a trained sampler, as named figures.
 
 use std::{collections::BTreeMap, path::Path, sync::atomic::AtomicBool};
 
@@ -11,11 +11,11 @@ use super::view::MeasuredView;
 /// Figures by name: `kl`, `mse:temple`, ...
 pub type Measures = BTreeMap<String, f64>;
 
-/// Mean squared errors of a picture over the pixels that surfaces cover entirely: `mse:NAME` at equal samples and
-/// `mse_at_time:NAME` at equal time.
+/// Measures mean squared errors of a picture over the pixels that surfaces cover entirely: `mse:NAME` at
+/// equal samples and `mse_at_time:NAME` at equal time.
 ///
 /// # Errors
-/// If the scene or the sampler's file cannot be opened, or the reference not be rendered.
+/// If the scene or the sampler's file cannot be opened, or the reference cannot be rendered.
 pub fn errors_of_view(
     measured: &MeasuredView,
     env: &str,
@@ -38,7 +38,7 @@ pub fn errors_of_view(
         budgets: budgets.iter().map(|(_, budget)| *budget).collect(),
         runs: measured.runs,
         seed: 1,
-        // Other processes read the same references: what one refines would change what others measure.
+        // Other processes read the same references: refining one would change their measurements.
         cache: None,
     };
     let mut keep = |_: Run<'_>| anyhow::Ok(());

@@ -1,4 +1,4 @@
-//! A run described by one table: map, conditions, head, training, export, and what is measured afterwards.
+//! A run described by one table: map, conditions, head, training, export and measurements.
 //!
 //! | file | concept |
 //! | --- | --- |

@@ -1,4 +1,4 @@
-//! From a run's settings to its files.
+//! Performs a run: from settings to files.
 
 use std::{
     path::{Path, PathBuf},
@@ -39,32 +39,32 @@ use crate::{
     },
 };
 
-/// The file of the resolved table beside a result.
+/// File of the resolved table.
 const RESOLVED: &str = "resolved.toml";
-/// The exported sampler.
+/// File of the exported sampler.
 pub const SAMPLER: &str = "sampler.safetensors";
-/// The figures.
+/// File of the figures.
 const MEASURES: &str = "measures.json";
-/// A line for each validation.
+/// File with a line per validation.
 pub const METRICS: &str = "metrics.jsonl";
 
-/// The files of a run.
+/// Files of a run.
 pub const RESULTS: [&str; 4] = [SAMPLER, MEASURES, METRICS, RESOLVED];
 
-/// Conditions of pictures of densities.
+/// Conditions for which densities are drawn.
 const PICTURES: u64 = 4;
 
-/// What surrounds a run: where its files go, and who watches.
+/// Output locations and callbacks of a run.
 pub struct Surroundings<'a> {
-    /// The folder of the results.
+    /// Folder for the results.
     pub out: PathBuf,
-    /// Where references of measured views are kept.
+    /// Folder for references of measured views.
     pub references: PathBuf,
-    /// Event files for TensorBoard.
+    /// Folder for TensorBoard event files.
     pub tensorboard: Option<PathBuf>,
-    /// Pictures of densities.
+    /// Folder for pictures of densities.
     pub pictures: Option<PathBuf>,
-    /// Pause after this step, as an interruption does; the run goes on from its checkpoint later.
+    /// Pauses after this step, like an interruption; the run can resume from its checkpoint.
     pub until: Option<usize>,
     /// Ends the run at the next step.
     pub stop: &'a AtomicBool,
@@ -72,17 +72,17 @@ pub struct Surroundings<'a> {
     pub watch: &'a mut dyn FnMut(&Progress),
 }
 
-/// What came of a run.
+/// Result of a run.
 pub struct Finished {
-    /// The training in figures.
+    /// Figures of the training.
     pub summary: Summary,
-    /// Everything measured, of a run that was not interrupted.
+    /// All measurements, if the run was not interrupted.
     pub measures: Measures,
-    /// The sampler, where one was written.
+    /// The sampler, if one was written.
     pub sampler: Option<SamplerSpec>,
 }
 
-/// Trains, exports and measures; the resolved table lies beside the results and inside the exported file.
+/// Trains, exports and measures; the resolved table is written beside the results and into the exported file.
 ///
 /// # Errors
 /// If something cannot be opened, trained or written; [`progress::Interrupted`] while a flow tail is fitted.
@@ -154,7 +154,7 @@ pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finish
     Ok(finished)
 }
 
-/// Time and errors of the exported sampler, as far as the run asks for them.
+/// Measures time and errors of the exported sampler, as requested by the run.
 fn measured(
     run: &RunConfig,
     environment: &Arc<Environment>,
@@ -189,7 +189,8 @@ fn write_measures(out: &Path, measures: &Measures) -> Result<()> {
     Ok(file::replace(&out.join(MEASURES), (serde_json::to_string_pretty(measures)? + "\n").as_bytes())?)
 }
 
-/// The tail that the configuration asks for; a flow is fitted, with a progress bar. Its checkpoints are in the folder `tail` of the head's.
+/// Returns the tail of the configuration; a flow is fitted, with a progress bar, and its checkpoints are in
+/// the folder `tail` of the head's.
 fn tail_of(
     environment: &Environment,
     run: &RunConfig,
@@ -224,7 +225,7 @@ fn tail_of(
     Ok(tail)
 }
 
-/// What a camera sees of a scene.
+/// Returns the surfaces that a camera sees in a scene.
 fn seen(picture: &Picture, material: &MaterialSpec, seed: u64) -> Result<Viewpoints> {
     let mut scene = open_scene(&picture.scene, true)?;
     let camera = picture.camera().open(&scene)?;
@@ -238,7 +239,7 @@ fn seen(picture: &Picture, material: &MaterialSpec, seed: u64) -> Result<Viewpoi
     Ok(Viewpoints::of_scene(&scene, &camera, picture.width as usize, picture.height as usize, seed)?)
 }
 
-/// What a checkpoint must agree on besides the configuration.
+/// Describes what a checkpoint must match in addition to the configuration.
 fn describe_target(viewpoints: Option<&Picture>, environment: &Environment) -> String {
     let conditions = match viewpoints {
         Some(picture) => format!("conditions from {picture:?}"),
@@ -247,7 +248,7 @@ fn describe_target(viewpoints: Option<&Picture>, environment: &Environment) -> S
     format!("environment {}, {conditions}", environment.hash())
 }
 
-/// Target and learned density at a condition, on one scale.
+/// Draws target and learned density at a condition, on one scale.
 fn draw(pair: &DensityPair, index: usize) -> Result<Chart> {
     let scale = Scale::of(&pair.target, 4.0);
     let panel =

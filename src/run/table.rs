@@ -1,4 +1,4 @@
-//! The table of a run: its keys besides those of [`FitConfig`], and the resolved table with every key.
+//! The table of a run: its keys in addition to those of [`FitConfig`], and the resolved table with every key.
 
 use std::{fmt::Display, path::PathBuf};
 
@@ -13,17 +13,17 @@ use super::{
     view::{Measure, MeasuredView, Picture, VIEW_KEYS},
 };
 
-/// A run as its file has it: any part of the keys.
+/// A run as read from a file, with any subset of the keys.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RunTable {
     keys: Keys,
-    /// The keys of [`FitConfig`].
+    /// Keys of [`FitConfig`].
     fit: Table,
-    /// Where it is from, for errors.
+    /// Origin of the table, for errors.
     name: String,
 }
 
-/// The keys of a run that are not those of [`FitConfig`].
+/// Keys of a run that are not in [`FitConfig`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Keys {
@@ -41,16 +41,16 @@ struct Keys {
     measure: Measure,
 }
 
-/// The names of [`Keys`].
+/// Names of [`Keys`].
 const KEYS: [&str; 7] = ["env", "preset", "out", "checkpoints", "export", "viewpoints", "measure"];
 
-/// What is written of the trained head.
+/// Settings of the exported file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Export {
-    /// Whether there is a file at all.
+    /// Whether a file is written.
     pub file: bool,
-    /// Whether the file leaves out the training time, so that the same run writes the same bytes.
+    /// Whether the file omits the training time, so that the same run writes the same bytes.
     pub reproducible: bool,
 }
 
@@ -60,16 +60,16 @@ impl Default for Export {
     }
 }
 
-/// Where checkpoints are kept, and how often.
+/// Location and frequency of checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Checkpoints {
-    /// The folder.
+    /// Folder for checkpoints.
     pub folder: PathBuf,
-    /// Steps between them.
+    /// Steps between checkpoints.
     #[serde(default = "Checkpoints::steps_between")]
     pub every: usize,
-    /// Go on from the last one, or begin where there is none.
+    /// Whether to continue from the last one, or begin if there is none.
     #[serde(default)]
     pub resume: bool,
 }
@@ -83,27 +83,27 @@ impl Checkpoints {
 /// A run with every setting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunConfig {
-    /// The map.
+    /// Map.
     pub env: String,
-    /// Where results go; no setting of the run.
+    /// Folder for results; not a setting of the run.
     pub out: Option<PathBuf>,
-    /// Where checkpoints go; no setting of the run.
+    /// Checkpoints; not a setting of the run.
     pub checkpoints: Option<Checkpoints>,
-    /// The training.
+    /// Training.
     pub fit: FitConfig,
-    /// Where surfaces are seen from; from everywhere by default.
+    /// View whose visible surfaces are the conditions; by default, conditions from everywhere.
     pub viewpoints: Option<Picture>,
-    /// What is written.
+    /// Export.
     pub export: Export,
-    /// What is measured afterwards.
+    /// Measurements.
     pub measure: Measure,
 }
 
 impl RunTable {
-    /// Divides a table by whom its keys are for. `name` is where it is from.
+    /// Splits a table into keys of the run and of the training. `name` is its origin.
     ///
     /// # Errors
-    /// If a key of the run has a wrong value, or one of its parts is unknown; other keys are checked by [`Self::resolve`].
+    /// If a key of the run has a wrong value or an unknown part; other keys are checked by [`Self::resolve`].
     pub fn new(name: &str, table: Table) -> Result<Self> {
         let (mut keys, mut fit) = (Table::new(), Table::new());
         for (key, value) in table {
@@ -123,28 +123,28 @@ impl RunTable {
     /// Reads a file.
     ///
     /// # Errors
-    /// If it cannot be read, or as [`Self::new`].
+    /// If it cannot be read, and those of [`Self::new`].
     pub fn open(path: &std::path::Path) -> Result<Self> {
         let name = path.display().to_string();
         let text = headtail_render::file::read_text(path).with_context(|| name.clone())?;
         Self::new(&name, text.parse().map_err(|error| anyhow!("{name}: {}", one_line(&error)))?)
     }
 
-    /// The preset that the file begins with, if it names one.
+    /// Returns the preset that the table names, if there is one.
     ///
     /// # Errors
-    /// If there is none of that name.
+    /// If there is no preset of that name.
     pub fn preset(&self) -> Result<Option<Preset>> {
         let preset = self.keys.preset.as_deref().map(str::parse).transpose();
         preset.map_err(|reason: String| anyhow!("{}: {reason}", self.name))
     }
 
-    /// The material, if the file names one.
+    /// Returns the material that the table names, if there is one.
     pub fn material(&self) -> Option<MaterialSpec> {
         self.fit.get("material").and_then(Value::as_str).and_then(|text| text.parse().ok())
     }
 
-    /// The settings of the training, laid over what a builder has.
+    /// Applies the training settings to a builder.
     ///
     /// # Errors
     /// If a key is unknown or has a wrong value.
@@ -152,7 +152,7 @@ impl RunTable {
         Ok(builder.table(&self.name, self.fit.clone())?)
     }
 
-    /// The run, with the training settings that were made of this table and of flags.
+    /// Returns the run with training settings that were made from this table and from flags.
     ///
     /// # Errors
     /// If the map is missing, or a value is out of range.
@@ -165,7 +165,7 @@ impl RunTable {
         Ok(RunConfig { env, out, checkpoints, fit, viewpoints, export, measure })
     }
 
-    /// The run of this table alone: its preset, or the fast one for its material, and its keys.
+    /// Returns the run of this table alone: its preset, or the fast one for its material, and its keys.
     ///
     /// # Errors
     /// As [`Self::lay_over`] and [`Self::with_fit`].
@@ -182,43 +182,44 @@ impl RunTable {
         self.keys.env = Some(env);
     }
 
-    /// Sets where surfaces are seen from.
+    /// Sets the view whose visible surfaces are the conditions.
     pub fn set_viewpoints(&mut self, picture: Picture) {
         self.keys.viewpoints = Some(picture);
     }
 
-    /// Sets where checkpoints are kept.
+    /// Sets the checkpoints.
     pub fn set_checkpoints(&mut self, checkpoints: Checkpoints) {
         self.keys.checkpoints = Some(checkpoints);
     }
 
-    /// Leaves out the exported file, or the time in it.
+    /// Omits the exported file, or the time in it.
     pub fn change_export(&mut self, no_file: bool, reproducible: bool) {
         self.keys.export.file &= !no_file;
         self.keys.export.reproducible |= reproducible;
     }
 
-    /// Whether it names a map.
+    /// Whether the table names a map.
     pub fn has_env(&self) -> bool {
         self.keys.env.is_some()
     }
 }
 
 impl RunConfig {
-    /// Every setting as TOML that [`RunTable`] reads back: not where results and checkpoints go.
+    /// Returns every setting as TOML that [`RunTable`] reads, without the locations of results and
+    /// checkpoints.
     ///
     /// # Errors
     /// For a seed above 2^63 - 1, which TOML cannot write.
     pub fn to_toml(&self) -> Result<String> {
         let keys = self.keys();
-        // By way of a text: a number of single precision keeps its short form.
+        // Via text, so that single-precision numbers keep their short form.
         let mut table: Table = toml::to_string(&keys)?.parse()?;
         table.extend(self.fit.to_table()?);
         Ok(toml::to_string(&table)?)
     }
 
-    /// BLAKE3 of every setting, as [`Self::to_toml`] has them, and of the program's version, in hexadecimal digits. Maps, scenes and materials count by
-    /// what is in their files.
+    /// Returns the BLAKE3 hash, in hexadecimal digits, of every setting in [`Self::to_toml`] and of the
+    /// program's version. Maps, scenes and materials count by the content of their files.
     ///
     /// # Errors
     /// If a setting cannot be written as JSON.
@@ -230,7 +231,7 @@ impl RunConfig {
         let mut keys = self.keys();
         keys.env = Some(contents.map(&self.env));
         let views = keys.measure.views.iter_mut().map(|view| {
-            // Figures are called after it.
+            // Figures are named after it.
             view.name = Some(view.name().to_owned());
             view.material = view.material.as_deref().map(|text| contents.material(text));
             &mut view.picture
@@ -240,7 +241,7 @@ impl RunConfig {
         }
         let material = contents.material(&self.fit.material.to_string());
         let fit = FitConfig { material: MaterialSpec::LAMBERT, ..self.fit.clone() };
-        // JSON, because it is written many times as fast.
+        // JSON, because it is many times faster to write.
         let content = serde_json::to_string(&(version, keys, material, fit))?;
         Ok(blake3::hash(content.as_bytes()).to_hex().to_string())
     }
@@ -251,7 +252,7 @@ impl RunConfig {
     }
 }
 
-/// What a parser says in several lines, in one.
+/// Joins the lines of a parser's message.
 pub fn one_line(error: &impl Display) -> String {
     let text = error.to_string();
     let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
@@ -289,7 +290,7 @@ mod tests {
     "#;
 
     #[test]
-    fn one_table_has_everything_and_survives_its_file() {
+    fn a_resolved_table_round_trips_through_toml() {
         let run = table(WHOLE).unwrap().resolve().unwrap();
         assert_eq!((run.env.as_str(), run.fit.steps, run.fit.head.bins), ("studio", 70, 16));
         assert_eq!(run.fit.material.to_string(), "ggx:alpha=0.3");
@@ -301,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn another_version_makes_another_hash() {
+    fn the_hash_depends_on_the_version() {
         let run = table(WHOLE).unwrap().resolve().unwrap();
         let contents = Contents::default();
         let of = |version: &str| run.hash_of_version(version, &contents).unwrap();
@@ -310,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_the_wrong_key_or_value() {
         for (text, named) in [
             ("env = 'studio'\nstep = 7", "`step`"),
             ("steps = 7", "name the map"),

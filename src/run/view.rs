@@ -1,4 +1,4 @@
-//! Views of a run's table: what a camera sees of a scene, and which pictures are measured.
+//! Views in a run's table: for conditions and for measured pictures.
 
 use anyhow::{Result, ensure};
 use glam::Vec3A;
@@ -11,21 +11,21 @@ use crate::arguments::{CameraArguments, Triple, ViewArguments};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Picture {
-    /// A built-in scene or a glTF file.
+    /// Built-in scene or glTF file.
     pub scene: String,
     /// Whether a grey diffuse plane is put under it.
     #[serde(default)]
     pub ground: bool,
-    /// In pixels.
+    /// Width in pixels.
     #[serde(default = "Picture::default_width")]
     pub width: u32,
-    /// In pixels.
+    /// Height in pixels.
     #[serde(default = "Picture::default_height")]
     pub height: u32,
-    /// The camera's place, with `look_at`; by default the scene's own camera.
+    /// Position of the camera, with `look_at`; by default, the scene's own camera.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub look_from: Option<[f32; 3]>,
-    /// What it looks at.
+    /// The point that the camera looks at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub look_at: Option<[f32; 3]>,
     /// Vertical field of view in degrees.
@@ -42,24 +42,24 @@ impl Picture {
         72
     }
 
-    /// What a camera of the command line sees.
+    /// Returns the picture of a camera of the command line.
     pub fn new(scene: String, camera: &CameraArguments) -> Self {
         let CameraArguments { width, height, look_from, look_at, fov } = *camera;
         let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
         Self { scene, ground: false, width, height, look_from: place(look_from), look_at: place(look_at), fov }
     }
 
-    /// The camera, as the command line has it.
+    /// Returns the camera as arguments of the command line.
     pub fn camera(&self) -> CameraArguments {
         let place = |numbers: Option<[f32; 3]>| numbers.map(|numbers| Triple(Vec3A::from_array(numbers)));
         let Self { width, height, fov, .. } = *self;
         CameraArguments { width, height, look_from: place(self.look_from), look_at: place(self.look_at), fov }
     }
 
-    /// Whether its numbers can be rendered.
+    /// Checks that its numbers can be rendered.
     ///
     /// # Errors
-    /// Names the number that is wrong.
+    /// If a number is wrong, which the error names.
     pub fn validate(&self, key: &str) -> Result<()> {
         ensure!((1..=16384).contains(&self.width), "{key}.width = {}, but it must be in 1..=16384", self.width);
         ensure!((1..=16384).contains(&self.height), "{key}.height = {}, but it must be in 1..=16384", self.height);
@@ -70,7 +70,8 @@ impl Picture {
     }
 }
 
-/// What is measured of the exported sampler. Weights, bytes, training seconds and what validation says are always there.
+/// Measurements of the exported sampler. Weights, bytes, training seconds and validation figures are always
+/// included.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Measure {
@@ -82,16 +83,18 @@ pub struct Measure {
 }
 
 /// A picture whose mean squared error is measured.
-// Without `deny_unknown_fields`, which serde refuses beside `flatten`; [`RunTable::new`] checks the keys.
+// Without `deny_unknown_fields`, which serde does not support with `flatten`; [`RunTable::new`] checks the
+// keys.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MeasuredView {
-    /// The name in results; by default the scene's.
+    /// Name in results; by default, the scene's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Scene and camera.
     #[serde(flatten)]
     pub picture: Picture,
-    /// What every surface is made of; by default what the head is trained for. `"scene"` leaves the scene's materials.
+    /// Material of every surface; by default, the one that the head is trained for. `"scene"` keeps the
+    /// scene's materials.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub material: Option<String>,
     /// Samples per pixel, for the error at equal samples.
@@ -100,7 +103,7 @@ pub struct MeasuredView {
     /// Seconds of rendering, for the error at equal time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Pictures of which the mean error is taken.
+    /// Number of pictures over which the error is averaged.
     #[serde(default = "MeasuredView::default_runs")]
     pub runs: u32,
     /// Samples per pixel of the reference.
@@ -108,7 +111,7 @@ pub struct MeasuredView {
     pub reference_spp: u32,
 }
 
-/// The keys of a [`MeasuredView`].
+/// Keys of a [`MeasuredView`].
 pub const VIEW_KEYS: [&str; 13] = [
     "name",
     "scene",
@@ -134,12 +137,12 @@ impl MeasuredView {
         1024
     }
 
-    /// The name in results.
+    /// Returns the name in results.
     pub fn name(&self) -> &str {
         self.name.as_deref().unwrap_or(&self.picture.scene)
     }
 
-    /// What is rendered, for a head for this material under this map.
+    /// Returns the view to render, for a head for this material under this map.
     pub fn view(&self, env: &str, material: &MaterialSpec) -> Result<ViewArguments> {
         let parse = |text: &str| text.parse::<MaterialSpec>().map_err(anyhow::Error::from);
         let material = match self.material.as_deref() {
@@ -154,10 +157,10 @@ impl MeasuredView {
         })
     }
 
-    /// Whether its numbers can be rendered.
+    /// Checks that its numbers can be rendered.
     ///
     /// # Errors
-    /// Names the number that is wrong.
+    /// If a number is wrong, which the error names.
     pub fn validate(&self) -> Result<()> {
         self.picture.validate("measure.views")?;
         ensure!(self.spp.is_some() || self.seconds.is_some(), "measure.views: give spp or seconds");

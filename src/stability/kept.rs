@@ -1,4 +1,4 @@
-//! Regimes that are done, each in a file: an interrupted suite goes on with those that are missing.
+//! Finished regimes, one file each, so that an interrupted suite continues with the missing ones.
 
 use std::{fs, path::PathBuf};
 
@@ -18,10 +18,10 @@ use crate::output::make_folder;
 /// The folder of the files.
 pub struct Kept(PathBuf);
 
-/// The content of a file. TOML, since JSON has no numbers that are infinite.
+/// The content of a file. TOML, since JSON cannot represent infinity.
 #[derive(Serialize, Deserialize)]
 struct Record {
-    /// What it depends on.
+    /// Hash of its inputs.
     key: String,
     rows: Vec<KeptRow>,
     pictures: Pictures,
@@ -31,23 +31,23 @@ struct Record {
 struct KeptRow {
     method: String,
     figures: Option<DirectionStatistics>,
-    /// Why there are no figures.
+    /// The error if there are no figures.
     stopped: Option<String>,
     skipped: usize,
     note: String,
 }
 
 impl Kept {
-    /// The files in a folder, which is made if it is missing.
+    /// Opens a folder, creating it if missing.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If the folder cannot be created.
     pub fn open(folder: PathBuf) -> Result<Self> {
         make_folder(&folder)?;
         Ok(Self(folder))
     }
 
-    /// What was measured of a regime with the same settings; `None` also where the file is damaged.
+    /// Reads a regime that was measured with the same settings; `None` also if the file is damaged.
     pub fn read(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> Option<(Vec<Row>, Pictures)> {
         let record: Record = toml::from_str(&fs::read_to_string(self.path(regime)).ok()?).ok()?;
         let row = |kept: KeptRow| {
@@ -63,7 +63,7 @@ impl Kept {
         (record.key == key(regime, config, effort)).then_some((rows?, record.pictures))
     }
 
-    /// Keeps what was measured of a regime.
+    /// Writes the measurements of a regime.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -93,7 +93,7 @@ impl Kept {
     }
 }
 
-/// All that the figures of a regime depend on.
+/// Hashes all inputs of a regime's figures.
 fn key(regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> String {
     let settings = serde_json::to_string(config).unwrap_or_default();
     let (version, map) = (env!("CARGO_PKG_VERSION"), regime.environment.hash());

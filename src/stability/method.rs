@@ -1,4 +1,4 @@
-//! The methods: what is trained in a regime, and the samplers made of it.
+//! The methods: training in a regime, and the samplers built from it.
 
 use std::{
     cell::OnceCell,
@@ -21,7 +21,7 @@ use super::{
     regime::{Change, Regime, to_half_precision},
 };
 
-/// What a method is, in a sentence.
+/// A description of each method.
 pub const METHODS: [(&str, &str); 6] = [
     (MIS, "one-sample MIS of emitter and BRDF sampling: the baseline"),
     (PATCHES, "patches of sky, beside BRDF sampling where lobes are narrow: the product in closed form, no training"),
@@ -35,9 +35,9 @@ pub const METHODS: [(&str, &str); 6] = [
 pub const MIS: &str = "mis";
 /// The product in closed form.
 const PATCHES: &str = "patches";
-/// The head in a mixture that it was not trained for.
+/// The head in a 1:1 mixture with BRDF sampling, for which it was not trained.
 const HALVES: &str = "head and brdf by halves";
-/// What `headtail fit` makes without further flags, used as it says.
+/// The result of `headtail fit` without further flags, used as its file specifies.
 pub const DEFAULT: &str = "default";
 
 /// One row of the table.
@@ -46,11 +46,11 @@ pub struct Row {
     pub regime: String,
     /// One of [`METHODS`].
     pub method: &'static str,
-    /// The figures, or why there are none.
+    /// The figures, or an error.
     pub outcome: Result<DirectionStatistics, String>,
-    /// Steps that training left out.
+    /// Skipped training steps.
     pub skipped: usize,
-    /// What there is to say of the training.
+    /// A remark on the training.
     pub note: String,
 }
 
@@ -63,14 +63,14 @@ struct Trained {
     fell_back: bool,
 }
 
-/// Everything that is measured in a regime.
+/// Context of the measurements in a regime.
 pub struct Laboratory<'a> {
     regime: &'a Regime,
     bench: DirectionBench,
     config: FitConfig,
     rows: Vec<Row>,
     pictures: Pictures,
-    /// The point that they are of.
+    /// The shading point of the pictures.
     pictured: ShadingPoint,
     stop: &'a AtomicBool,
     /// The tail of all methods.
@@ -78,7 +78,7 @@ pub struct Laboratory<'a> {
 }
 
 impl<'a> Laboratory<'a> {
-    /// Measures every method in a regime. What comes after the stop flag is set is worthless.
+    /// Measures every method in a regime. Results after the stop flag is set are invalid.
     pub fn run(
         regime: &'a Regime,
         config: FitConfig,
@@ -111,7 +111,7 @@ impl<'a> Laboratory<'a> {
         }
         let default = self.train(&self.config);
         let share = match &default {
-            // The same head, unless it was given up.
+            // The same head, unless training fell back.
             Ok(trained) if !trained.fell_back => Ok(trained.clone()),
             _ => self.train(&FitConfig { fall_back: false, ..self.config.clone() }),
         };
@@ -119,7 +119,7 @@ impl<'a> Laboratory<'a> {
         self.add_trained(DEFAULT, &default);
     }
 
-    /// Measures a trained head in the form for which its file is made (see `SamplerSpec::of_exported`).
+    /// Measures a trained head as its file would be used (see `SamplerSpec::of_exported`).
     fn add_trained(&mut self, method: &'static str, trained: &Result<Trained>) {
         let trained = match trained {
             Ok(trained) => trained,
@@ -141,7 +141,7 @@ impl<'a> Laboratory<'a> {
         self.rows.push(Row { regime, method, outcome: Err(format!("{error:#}")), skipped: 0, note: String::new() });
     }
 
-    /// The tail of a configuration; a flow tail is fitted once for all methods.
+    /// Returns the tail of a configuration; a flow tail is fitted once for all methods.
     fn tail(&self, config: &FitConfig) -> Result<Arc<Tail>> {
         if let Some(tail) = self.tail.get() {
             return Ok(tail.clone());
@@ -165,14 +165,14 @@ impl<'a> Laboratory<'a> {
 }
 
 impl Trained {
-    /// What its file is made to be: in a mixture with BRDF sampling where it has learned its share.
+    /// Builds the sampler that its file specifies: mixed with BRDF sampling if it learned a mixture weight.
     fn sampler(&self) -> Arc<dyn Sampler> {
         let product = Arc::new(ProductSampler::new(self.light.clone(), self.head.clone()));
         if self.head.has_share() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product }
     }
 }
 
-/// The head with its weights in half precision.
+/// Rounds the head's weights to half precision.
 fn with_half_weights(head: &Head) -> Result<Head> {
     let rounded = |values: &[f32]| values.iter().map(|&value| to_half_precision(value)).collect::<Vec<f32>>();
     let part = |prefix: &str| -> Result<Vec<Linear>> {

@@ -2,7 +2,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `regime.rs`, `method.rs` | light, surfaces and training; samplers made in them |
+//! | `regime.rs`, `method.rs` | light, surfaces and training; samplers trained in them |
 //! | `kept.rs` | finished regimes as files |
 //! | `table.rs`, `page.rs`, `picture.rs` | `stability.csv`, `stability.html` and its pictures |
 
@@ -28,8 +28,8 @@ use method::{DEFAULT, Laboratory, Row};
 use picture::Pictures;
 use regime::Regime;
 
-/// Train and measure every sampler in the regimes in which importance sampling is known to fail, and write DIR/stability.csv,
-/// DIR/stability.html and DIR/regimes.svg.
+/// Train and measure samplers where importance sampling tends to fail.
+/// Writes DIR/stability.csv, DIR/stability.html and DIR/regimes.svg.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick
@@ -39,22 +39,23 @@ use regime::Regime;
 Whatever ends the program, the same command goes on with the regimes that are missing. --quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
 and noon_grass_1k.hdr (from polyhaven.com) in the folder of --maps; all others are made by code.")]
 pub struct Arguments {
-    /// Folder for the results.
+    /// Write the results to this folder.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Shorter training, fewer points.
+    /// Use shorter training and fewer points.
     #[arg(long)]
     quick: bool,
-    /// Folder of real maps.
+    /// Read measured maps from this folder.
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
-    /// Train with the networks of this backend of the tensor library (flex, ndarray, wgpu) instead of the fused form; slower.
+    /// Train with this backend of the tensor library.
+    /// One of flex (the default), ndarray and wgpu; gradients are not fused on wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
     /// Print the rows of stability.csv as an array of JSON objects.
     #[arg(long)]
     json: bool,
-    /// Run only regimes whose name contains this text; may be repeated.
+    /// Run only regimes whose name contains this text; repeatable.
     #[arg(long, value_name = "TEXT")]
     only: Vec<String>,
 }
@@ -95,8 +96,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             config.backend = backend;
         }
         let known = kept.read(&regime, &config, effort);
-        let seconds =
-            if known.is_some() { 0.0 } else { cost::regime(&config, effort) / rayon::current_num_threads() as f64 };
+        let seconds = if known.is_some() { 0.0 } else { cost::regime(&config, effort) };
         (regime, config, known, seconds)
     };
     let regimes: Vec<_> = regimes.into_iter().map(configure).collect();

@@ -1,4 +1,4 @@
-//! `stability.html`: the table with pictures, on one page that needs nothing but itself.
+//! `stability.html`: the table with pictures on a self-contained page.
 
 use anyhow::Result;
 use maud::{Markup, html};
@@ -20,22 +20,22 @@ use crate::report::{
 
 const OWN_STYLE: &str = include_str!("page.css");
 
-/// What the page shows.
+/// The content of the page.
 pub struct Page<'a> {
     /// Regimes with the pictures of one shading point each.
     pub regimes: &'a [(Regime, Pictures)],
     /// The rows of all regimes.
     pub rows: &'a [Row],
-    /// Regimes whose file is not there, and the file.
+    /// Regimes whose file is missing, and the file.
     pub missing: &'a [(String, String)],
     /// The command line.
     pub command: &'a str,
-    /// What it ran on.
+    /// The machine it ran on.
     pub machine: &'a str,
 }
 
 impl Page<'_> {
-    /// The whole page.
+    /// Returns the HTML page.
     pub fn encode(&self) -> Result<String> {
         let sections = self.regimes.iter().map(|(regime, pictures)| self.section(regime, pictures));
         let sections = sections.collect::<Result<Vec<Markup>>>()?;
@@ -61,7 +61,7 @@ impl Page<'_> {
         Ok(page.encode(&main))
     }
 
-    /// All regimes and methods as one map.
+    /// Returns all regimes and methods as a matrix.
     pub fn chart(&self) -> Chart {
         let cell = |regime: &str, method: &str| {
             let row = self.rows.iter().find(|row| row.regime == regime && row.method == method);
@@ -97,7 +97,7 @@ impl Page<'_> {
         }
     }
 
-    /// Where a method has more variance than one-sample MIS.
+    /// Names the regimes in which a method has higher variance than one-sample MIS.
     fn sentence(&self, method: &str) -> Markup {
         let of_method = || self.rows.iter().filter(|row| row.method == method);
         let worse: Vec<&str> =
@@ -205,8 +205,8 @@ fn columns() -> Vec<Column> {
     [vec![Column::text("Method")], numbers.to_vec()].concat()
 }
 
-/// Whether the variance is at most that of one-sample MIS.
+/// Returns whether the variance is at most that of one-sample MIS.
 pub fn is_no_worse(rows: &[Row], row: &Row) -> bool {
-    // The same sampler in another order of sums differs in its last digits.
+    // Another order of summation changes the last digits.
     row.method == MIS || ratio(rows, row).is_some_and(|(ratio, ..)| ratio <= 1.001)
 }

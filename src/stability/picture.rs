@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 80;
-/// Powers of ten below the brightest value.
+/// Decades below the brightest value.
 const DECADES: f64 = 6.0;
 
 /// Densities over solid angle at one shading point, as lat-long pictures.
@@ -27,7 +27,7 @@ pub struct Pictures {
 }
 
 impl Pictures {
-    /// Of the target.
+    /// Pictures of a point, with the density of its target.
     pub fn new(at: &ShadingPoint, environment: &Arc<Environment>) -> Self {
         let directions = each_pixel();
         let reflected = at.one().brdf_cosines(&directions).into_iter().zip(directions);
@@ -45,7 +45,7 @@ impl Pictures {
         self.densities.push((method.to_owned(), AtPoint::new(sampler, at).pdf_many(&each_pixel())));
     }
 
-    /// Names and `data:` addresses, all on the target's scale.
+    /// Encodes all densities on the target's scale: names and `data:` addresses.
     pub fn encode(&self) -> Result<Vec<(&str, String)>> {
         let target = self.densities.first().map_or(&[][..], |(_, target)| target);
         let top = target.iter().copied().fold(f32::MIN_POSITIVE, f32::max);

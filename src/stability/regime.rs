@@ -16,27 +16,27 @@ use headtail_render::{
 };
 use headtail_train::{FitConfig, Loss, Preset, Viewpoints};
 
-/// What is measured under.
+/// A regime: light, surfaces, directions and training.
 #[derive(Clone)]
 pub struct Regime {
     /// Its name in the table.
     pub name: String,
-    /// What is hard about it, in a sentence.
+    /// Why it is hard, in a sentence.
     pub why: &'static str,
     /// The map.
     pub environment: Arc<Environment>,
     /// The surfaces.
     pub material: MaterialSpec,
-    /// Which normals and view directions.
+    /// The normals and view directions.
     pub directions: Directions,
-    /// What is different in training or in the weights.
+    /// The change in training or weights.
     pub change: Change,
 }
 
 /// Distributions of normal and view direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Directions {
-    /// Those of training.
+    /// The distribution in training.
     Sphere,
     /// View directions 0.6 to 3 degrees above the surface.
     Grazing,
@@ -46,7 +46,7 @@ pub enum Directions {
     Seam,
 }
 
-/// What is different from the default training.
+/// Differences from the default training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Change {
     /// Nothing.
@@ -62,10 +62,11 @@ pub enum Change {
 }
 
 impl Regime {
-    /// What `headtail fit` takes for this material without further flags, but for what the regime changes, and fewer steps in quick runs.
+    /// Returns the defaults of `headtail fit` for this material with the regime's change, and fewer steps in
+    /// quick runs.
     pub fn config(&self, quick: bool) -> FitConfig {
         let mut config = Preset::fast_for(&self.material).config().for_material(self.material.clone());
-        // The validation at the end is enough: the others change nothing.
+        // The validation at the end suffices; the others do not affect the result.
         config.validate_every = 0;
         if quick {
             config.steps = 160;
@@ -80,7 +81,7 @@ impl Regime {
         config
     }
 
-    /// The shading point of a number.
+    /// Returns the shading point of an index.
     pub fn shading_point(&self, index: u64) -> ShadingPoint {
         let mut stream = Stream::new(7, Purpose::Test, index);
         let (wo, n) = self.directions.draw(index, &mut stream);
@@ -98,7 +99,7 @@ impl Regime {
 }
 
 impl Directions {
-    /// `(wo, n)`.
+    /// Draws `(wo, n)`.
     fn draw(self, index: u64, stream: &mut Stream) -> (Vec3A, Vec3A) {
         let [wo, n] = Viewpoints::Sphere.draw(stream);
         match self {
@@ -121,13 +122,13 @@ impl Directions {
     }
 }
 
-/// A map made by code, texel by texel.
+/// A synthetic map, texel by texel.
 fn made(name: &str, width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Result<Arc<Environment>> {
     let pixels = (0..width * height).map(|k| [value(k % width, k / width); 3]).collect();
     Ok(Arc::new(Environment::from_image(name, Image { width, height, pixels })?))
 }
 
-/// A sun of half a degree in a sky of luminance 1, towards `(u, v)` of the map.
+/// A sun of half a degree towards `(u, v)` of the map, in a sky of luminance 1.
 fn sun_at(name: &str, centre: Vec2) -> Result<Arc<Environment>> {
     let (width, height) = (1024, 512);
     let sun = latlong::direction(centre);
@@ -140,10 +141,10 @@ fn sun_at(name: &str, centre: Vec2) -> Result<Arc<Environment>> {
     })
 }
 
-/// A regime and the file that it needs.
+/// A regime and the file that it lacks.
 pub type Missing = (String, String);
 
-/// Every regime whose map is there; the names of those whose file is not in `maps`, each with its file.
+/// Returns every regime whose map is available, and the names of the others with the files missing in `maps`.
 pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
     let built_in = |name: &str| Arc::new(built_in(name).expect("it is one of the built-in maps"));
     let lambert = |name: &str, why, environment| Regime {
@@ -217,10 +218,11 @@ pub fn regimes(maps: Option<&Path>) -> Result<(Vec<Regime>, Vec<Missing>)> {
     Ok((all, missing))
 }
 
-/// A number with the precision of IEEE half floats: 11 significant bits, up to 65504, subnormal below 6.1e-5.
+/// Rounds to IEEE half precision: 11 significant bits, up to 65504, subnormal below 6.1e-5.
 pub fn to_half_precision(x: f32) -> f32 {
     let held = x.clamp(-65_504.0, 65_504.0);
-    // Adding and subtracting a power of two 13 binary places up rounds away the bits below; halves have no exponent under -14.
+    // Adding and subtracting a power of two 13 binary places up rounds off the lower bits; half floats have
+    // no exponent below -14.
     let exponent = held.abs().max(6.103_515_6e-5).log2().floor();
     let unit = (exponent - 10.0).exp2();
     (held / unit).round_ties_even() * unit
@@ -245,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_where_their_names_say() {
+    fn directions_match_their_names() {
         let (regimes, missing) = regimes(None).unwrap();
         assert_eq!(missing.len(), 2);
         for regime in &regimes {

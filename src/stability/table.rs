@@ -1,4 +1,4 @@
-//! `stability.csv`: a row for each regime and method, in full precision.
+//! `stability.csv`: one row per regime and method, in full precision.
 
 use anyhow::Result;
 use headtail_eval::{DirectionStatistics, variance_ratio};
@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::method::{MIS, Row};
 
-/// The columns of the figures, in this order.
+/// The columns in order.
 const COLUMNS: [&str; 22] = [
     "regime",
     "method",
@@ -32,7 +32,7 @@ const COLUMNS: [&str; 22] = [
     "command",
 ];
 
-/// What a row is compared by: its variance over that of one-sample MIS, with the interval.
+/// Returns the variance relative to one-sample MIS, with its interval.
 pub fn ratio(rows: &[Row], row: &Row) -> Option<(f64, f64, f64)> {
     let baseline = rows.iter().find(|other| other.regime == row.regime && other.method == MIS)?;
     match (&row.outcome, &baseline.outcome) {
@@ -41,7 +41,7 @@ pub fn ratio(rows: &[Row], row: &Row) -> Option<(f64, f64, f64)> {
     }
 }
 
-/// The bytes of the file. A method that stopped has its message and no figures.
+/// Encodes the file. Methods that failed have a message and no figures.
 pub fn encode(rows: &[Row], missing: &[(String, String)], machine: &str, command: &str) -> Result<Vec<u8>> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(COLUMNS)?;
@@ -66,9 +66,9 @@ pub fn encode(rows: &[Row], missing: &[(String, String)], machine: &str, command
     Ok(writer.into_inner()?)
 }
 
-/// The rows of a file as objects: numbers are numbers, and what is empty is null.
+/// Parses the file into objects: numbers as numbers, empty cells as null.
 pub fn objects(csv: &[u8]) -> Result<Vec<serde_json::Map<String, Value>>> {
-    // What looks like a number is one, but in what is written for people.
+    // Numeric cells become numbers except in text columns.
     let is_text =
         |name: &str| matches!(name, "regime" | "method" | "state" | "message" | "version" | "machine" | "command");
     let value = |name: &str, text: &str| match text.parse::<f64>() {

@@ -1,4 +1,4 @@
-//! The arguments of `headtail sweep`, and what each of its commands does.
+//! Arguments of `headtail sweep`, and its commands.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +13,8 @@ use super::{
 use crate::terminal::{self, only_data, out, print_json, say};
 use crate::{output::OutputFile, progress};
 
-/// Run a space of settings: every trial once, resumed where it was stopped.
+/// Run a space of settings.
+/// Every trial runs once and resumes where it was stopped.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail sweep plan space.toml
@@ -33,19 +34,19 @@ pub struct Arguments {
 enum Action {
     /// Print the trials.
     Plan(Plan),
-    /// Work off what is missing, in several processes.
+    /// Run the missing trials in several processes.
     Run(local::Arguments),
-    /// Send one array job to Slurm, print its number and return.
+    /// Submit one array job to Slurm, print its number and return.
     Submit(slurm::Arguments),
-    /// Say how far the sweep is.
+    /// Print the progress of the sweep.
     Status(Status),
-    /// Let failed trials be tried again.
+    /// Allow failed trials to run again.
     Retry(Place),
-    /// Write every trial to one table.
+    /// Write all trials to one table.
     Collect(Collect),
     /// Write one page with tables and charts.
     Report(Output),
-    /// What `run` and `submit` start.
+    /// The worker that `run` and `submit` start.
     #[command(hide = true)]
     Work(Work),
 }
@@ -66,7 +67,7 @@ struct Plan {
 struct Status {
     #[command(flatten)]
     place: Place,
-    /// Print it as a JSON object.
+    /// Print a JSON object.
     #[arg(long)]
     json: bool,
 }
@@ -75,7 +76,7 @@ struct Status {
 struct Collect {
     #[command(flatten)]
     output: Output,
-    /// Print the rows as an array of JSON objects, too.
+    /// Also print the rows as an array of JSON objects.
     #[arg(long)]
     json: bool,
 }
@@ -84,7 +85,8 @@ struct Collect {
 struct Output {
     #[command(flatten)]
     place: Place,
-    /// The file to write. Default: trials.csv or report.html in the folder of the sweep.
+    /// File to write. Default: trials.csv or report.html.
+    /// The default is in the folder of the sweep.
     #[arg(long, value_name = "FILE")]
     file: Option<PathBuf>,
 }
@@ -95,12 +97,12 @@ struct Work {
     place: Place,
     #[command(flatten)]
     checkpoints: Checkpoints,
-    /// A task of a Slurm array.
+    /// Run as a task of a Slurm array.
     #[arg(long)]
     task: bool,
 }
 
-/// Does what is asked for.
+/// Runs the given command.
 pub fn run(arguments: &Arguments) -> Result<()> {
     match &arguments.action {
         Action::Plan(plan) => print_plan(plan),
@@ -123,7 +125,7 @@ impl Output {
     }
 }
 
-/// Writes what is made for the place of a file, which the page's links lead from.
+/// Writes a text to a file; it is made for the file's location, to which the page's links are relative.
 fn written(file: &Path, text: impl FnOnce(&Path) -> Result<String>) -> Result<()> {
     let output = OutputFile::take(file)?;
     let text = text(file)?;

@@ -7,36 +7,36 @@ use toml::{Table, Value};
 
 use crate::run::one_line;
 
-/// What one setting goes through.
+/// A setting and its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// The dotted key of the run's table.
+    /// Dotted key in the run's table.
     pub key: String,
-    /// Its values.
+    /// Values of the key.
     pub values: Values,
-    /// Values of other keys under which this one is set; a list of values means any of them.
+    /// Values of other keys under which this one is set; for a list, any of its values.
     pub when: Vec<(String, Value)>,
 }
 
 /// Values of a setting.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Values {
-    /// These.
+    /// The listed values.
     List(Vec<Value>),
     /// A range, both ends included.
     Range {
-        /// The ends.
+        /// Ends of the range.
         ends: (f64, f64),
-        /// Whether equal factors count as equal steps.
+        /// Whether the range is logarithmic.
         log: bool,
-        /// Whether values are whole numbers.
+        /// Whether values are integers.
         integer: bool,
-        /// How many values a grid takes of it.
+        /// Number of values in a grid.
         points: Option<usize>,
     },
 }
 
-/// An axis that is written as a table.
+/// An axis in the form of a table.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -50,10 +50,10 @@ struct File {
     when: Table,
 }
 
-/// The keys that make a table an axis instead of a table of axes.
+/// Keys that mark a table as an axis rather than a table of axes.
 const KINDS: [&str; 5] = ["values", "linear", "log", "integer", "log_integer"];
 
-/// The axes of a table; keys of inner tables are dotted.
+/// Returns the axes of a table; keys of nested tables are dotted.
 pub fn axes_of(table: &Table) -> Result<Vec<Axis>> {
     let mut axes = Vec::new();
     gather("", table, &mut axes)?;
@@ -118,7 +118,7 @@ impl Axis {
         Ok(Self { key, values, when })
     }
 
-    /// The values of a grid.
+    /// Returns the values of a grid.
     ///
     /// # Errors
     /// For a range without `points`.
@@ -136,7 +136,7 @@ impl Axis {
         }
     }
 
-    /// A uniform draw.
+    /// Draws a value uniformly.
     pub fn draw(&self, random: &mut impl Rng) -> Value {
         let uniform = (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
         match &self.values {
@@ -145,7 +145,8 @@ impl Axis {
         }
     }
 
-    /// The value at a place in `[0, 1]` of a range; whole numbers have equal shares of it.
+    /// Returns the value at a position in `[0, 1]` of a range; each integer covers an interval of length 1
+    /// around it.
     pub fn at(&self, place: f64) -> Value {
         let Values::Range { ends: (low, high), log, integer, .. } = self.values else { return Value::Boolean(false) };
         let (low, high) = if integer { (low - 0.5, high + 0.5) } else { (low, high) };
@@ -153,11 +154,11 @@ impl Axis {
         if integer {
             return Value::Integer(value.round().clamp(low + 0.5, high - 0.5) as i64);
         }
-        // Six digits: names and files stay short, and no setting is known better.
+        // Six digits: names and files stay short, and no setting needs more.
         Value::Float(format!("{value:.5e}").parse().unwrap_or(value))
     }
 
-    /// The place in `[0, 1]` of a value of a range, or the index of one of a list.
+    /// Returns the position in `[0, 1]` of a value of a range, or the index of one of a list.
     pub fn place(&self, value: &Value) -> Option<f64> {
         match &self.values {
             Values::List(values) => values.iter().position(|known| known == value).map(|index| index as f64),
@@ -171,7 +172,7 @@ impl Axis {
     }
 }
 
-/// A table's values by dotted keys.
+/// Returns a table's values by dotted keys.
 fn flat(path: &str, table: &Table) -> Vec<(String, Value)> {
     let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
     let mut values = Vec::new();
@@ -207,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn grids_have_both_ends() {
+    fn grids_include_both_ends() {
         let [axis] = &axes("x = { log = [1e-3, 1e-1], points = 3 }")[..] else { panic!() };
         assert_eq!(axis.grid().unwrap(), [1e-3, 1e-2, 1e-1].map(Value::Float));
         let [axis] = &axes("x = { integer = [2, 5], points = 4 }")[..] else { panic!() };
@@ -215,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn draws_stay_within_and_places_lead_back() {
+    fn draws_are_in_range_and_positions_invert() {
         let mut random = ChaCha8Rng::seed_from_u64(1);
         for text in ["x = { linear = [-1, 2] }", "x = { log = [1e-3, 1] }", "x = { log_integer = [4, 64] }"] {
             let [axis] = &axes(text)[..] else { panic!() };

@@ -1,4 +1,4 @@
-//! Every trial as a row of one table.
+//! All trials as rows of one table.
 
 use std::collections::BTreeSet;
 
@@ -9,21 +9,21 @@ use toml::Value;
 use super::{Sweep, journal::Record, plan::Trial, status::State};
 use crate::run::Measures;
 
-/// A trial with all that is known of it.
+/// A trial with its state and results.
 pub struct Row<'a> {
-    /// The trial.
+    /// Trial.
     pub trial: &'a Trial,
-    /// Where it is.
+    /// State.
     pub state: State,
-    /// The figures: in the end, else at the last rung.
+    /// Final figures, else those at the last rung.
     pub measures: Option<&'a Measures>,
     /// Seconds of work.
     pub seconds: f64,
-    /// Why it failed.
+    /// Reason of a failure.
     pub error: String,
 }
 
-/// A row as an object, for programs.
+/// A row as an object for JSON.
 #[derive(Serialize)]
 pub struct JsonRow<'a> {
     #[serde(flatten)]
@@ -36,7 +36,7 @@ pub struct JsonRow<'a> {
 }
 
 impl Row<'_> {
-    /// For programs.
+    /// Returns the row as an object for JSON.
     pub fn record(&self, sweep: &Sweep) -> JsonRow<'_> {
         let Self { trial, state, measures, seconds, error } = self;
         let folder = sweep.folder.trial(&trial.id).display().to_string();
@@ -44,7 +44,7 @@ impl Row<'_> {
     }
 }
 
-/// The rows of all trials, in the order of the plan.
+/// Returns the rows of all trials, in the order of the plan.
 pub fn rows(sweep: &Sweep) -> Vec<Row<'_>> {
     fn row<'a>(sweep: &'a Sweep, trial: &'a Trial) -> Row<'a> {
         let id = &trial.id;
@@ -61,7 +61,7 @@ pub fn rows(sweep: &Sweep) -> Vec<Row<'_>> {
     sweep.plan.trials.iter().map(|trial| row(sweep, trial)).collect()
 }
 
-/// The table: identity, state, a column for each axis, one for each figure, seconds of work, folder, error.
+/// Formats the table: identity, state, a column per axis, one per figure, seconds of work, folder, error.
 pub fn csv(sweep: &Sweep, rows: &[Row<'_>]) -> Result<String> {
     let axes: Vec<&str> = sweep.space.axes.iter().map(|axis| axis.key.as_str()).collect();
     let figures: BTreeSet<&str> =
@@ -83,7 +83,7 @@ pub fn csv(sweep: &Sweep, rows: &[Row<'_>]) -> Result<String> {
     String::from_utf8(writer.into_inner().context("the table")?).context("the table")
 }
 
-/// A value without the quotes of TOML.
+/// Formats a value without the quotes of TOML.
 pub fn plain(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }

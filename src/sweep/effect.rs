@@ -1,4 +1,4 @@
-//! What each value of a setting does to an objective, with intervals over seeds.
+//! Effect of each value of a setting on an objective, with intervals over seeds.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,26 +13,27 @@ use super::{
 };
 use crate::report::number;
 
-/// The effect of one value, or of a part of a range.
+/// Effect of one value, or of a part of a range.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Effect {
-    /// The value in words.
+    /// Value as text.
     pub value: String,
-    /// Geometric mean of the objective over that of all trials.
+    /// Geometric mean of the objective relative to that of all trials.
     pub ratio: f64,
-    /// Its 95 % interval; absent for a single seed.
+    /// 95 % interval of `ratio`; absent for a single seed.
     pub ends: Option<(f64, f64)>,
-    /// Trials.
+    /// Number of trials.
     pub trials: usize,
 }
 
-/// Parts that a range is divided into.
+/// Number of parts of a range.
 const PARTS: usize = 5;
 
-/// The effects of an axis on an objective; empty where it has one value only.
+/// Returns the effects of an axis on an objective; empty if it has only one value.
 ///
-/// Trials are compared with the geometric mean of those that have the same map, so that maps, which differ most, cancel, and where every
-/// seed has trials of the same settings, with those of the same seed. The trials of one seed are one observation; without an axis `seed` every trial is one.
+/// Trials are compared with the geometric mean of those with the same map, so that differences between maps,
+/// which are the largest, cancel; if every seed has trials of the same settings, also with those of the same
+/// seed. The trials of one seed are one observation; without an axis `seed`, every trial is one.
 pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) -> Vec<Effect> {
     let mut known = relative(sweep, rows, objective);
     if axis.key != "seed" {
@@ -61,8 +62,8 @@ pub fn effects(sweep: &Sweep, rows: &[Row<'_>], axis: &Axis, objective: &str) ->
     if found.len() > 1 { found } else { Vec::new() }
 }
 
-/// Subtracts from each logarithm the mean of its seed, if every seed has trials of the same settings: what is left are differences of paired
-/// trials. Where the settings differ, a seed's mean would say what was tried under it.
+/// Subtracts from each logarithm the mean of its seed, if every seed has trials of the same settings, which
+/// leaves differences of paired trials. With different settings, a seed's mean would depend on them.
 fn take_off_luck(known: &mut [(&Row<'_>, f64)]) {
     let seed = |row: &Row<'_>| row.trial.assignment.get("seed").map(plain);
     let mut of_seed: BTreeMap<Option<String>, (BTreeSet<String>, f64)> = BTreeMap::new();
@@ -81,7 +82,8 @@ fn take_off_luck(known: &mut [(&Row<'_>, f64)]) {
     }
 }
 
-/// Logarithms of an objective of the trials that have one, less their mean over the trials of the same map (every aggregated axis but `seed`).
+/// Returns logarithms of an objective for the trials that have one, minus their mean over the trials of the
+/// same map (every aggregated axis except `seed`).
 pub fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<(&'a Row<'a>, f64)> {
     let known: Vec<(&Row<'_>, f64)> = rows
         .iter()
@@ -104,19 +106,20 @@ pub fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<
     known.into_iter().map(less).collect()
 }
 
-/// Whether trials of different values of an axis are not to be compared: an aggregated axis that is not the seed.
+/// Whether trials with different values of an axis are not comparable: an aggregated axis other than the
+/// seed.
 pub fn is_map(sweep: &Sweep, axis: &Axis) -> bool {
     axis.key != "seed" && sweep.space.replicated().any(|other| other.key == axis.key)
 }
 
-/// A number in few digits.
+/// Formats a number in few digits.
 fn short(value: &Value) -> String {
     value.as_float().map_or_else(|| plain(value), number::text)
 }
 
 type Part = (String, Box<dyn Fn(&Value) -> bool>);
 
-/// The values of a list; a range in parts with equally many trials.
+/// Returns the values of a list, or parts of a range with equal numbers of trials.
 fn parts(axis: &Axis, seen: &[&Value]) -> Vec<Part> {
     if let Values::List(values) = &axis.values {
         let part = |value: &Value| {
@@ -161,10 +164,10 @@ mod tests {
     }
 
     #[test]
-    fn what_seeds_do_to_all_of_their_trials_is_taken_off() {
+    fn seed_means_are_subtracted_if_settings_match() {
         let trials = [trial(4, 0), trial(8, 0), trial(4, 1), trial(8, 1)];
         assert_eq!(less_luck(&trials, &[1.0, 2.0, 5.0, 6.0]), [-0.5, 0.5, -0.5, 0.5]);
-        // A seed with other settings than the others has a mean that says nothing of luck.
+        // If a seed has other settings than the others, its mean depends on them.
         let trials = [trial(4, 0), trial(8, 0), trial(4, 1)];
         assert_eq!(less_luck(&trials, &[1.0, 2.0, 5.0]), [1.0, 2.0, 5.0]);
     }

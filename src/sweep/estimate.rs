@@ -1,4 +1,4 @@
-//! How much of a sweep is done, and how much is to be expected: of trials that are to stop early, only their part.
+//! Estimates the completed and the remaining work of a sweep, including early stopping.
 
 use std::collections::HashMap;
 
@@ -7,42 +7,42 @@ use anyhow::Result;
 use super::{Sweep, jobs, plan, space::Method};
 use crate::cost;
 
-/// Work, in any unit that is the same for all trials.
+/// Work, in any unit common to all trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// What was done, by whomever.
+    /// Completed work of all workers.
     pub done: f64,
-    /// What is left, as far as that can be told.
+    /// Estimated remaining work.
     pub left: f64,
 }
 
-/// What is known of a trial.
+/// Work of a trial.
 #[derive(Clone, Copy, Debug)]
 struct TrialWork {
-    /// The work of its whole run.
+    /// Work of its whole run.
     whole: f64,
-    /// Rungs that it has passed; the last one is its end.
+    /// Number of rungs that it has passed; the last one is its end.
     passed: usize,
     /// Whether it is complete or has failed.
     is_over: bool,
-    /// The share of its steps that are done.
+    /// Fraction of its steps that are done.
     share: f64,
 }
 
-/// How trials become fewer.
+/// Expected reduction of the number of trials.
 struct Ladder {
-    /// Rungs as shares of a whole run, the last one 1.
+    /// Rungs as fractions of a whole run, the last one 1.
     rungs: Vec<f64>,
-    /// One configuration of this many goes on from each.
+    /// One of this many configurations advances from each rung.
     keep: usize,
-    /// Trials of a configuration.
+    /// Number of trials of a configuration.
     replicates: usize,
-    /// Configurations that adaptive search will still make.
+    /// Number of configurations that adaptive search has yet to make.
     unplanned: usize,
 }
 
 impl Ladder {
-    /// The work of these trials, and of those that are not planned yet.
+    /// Returns the work of these trials, and of those not planned yet.
     fn work(&self, trials: &[TrialWork]) -> Work {
         let count = trials.len().max(1) as f64;
         let mean = trials.iter().map(|trial| trial.whole).sum::<f64>() / count;
@@ -52,7 +52,7 @@ impl Ladder {
             let share = if trial.passed == 0 { 0.0 } else { self.rungs[trial.passed - 1] };
             let share = if trial.is_over { share } else { share.max(trial.share) };
             work.done += trial.whole * share;
-            // Below the first rung it is certain that it goes on, and how long that takes.
+            // Below the first rung, the remaining work is certain.
             if trial.passed == 0 && !trial.is_over {
                 work.left += trial.whole * (self.rungs[0] - share).max(0.0);
             }
@@ -60,10 +60,10 @@ impl Ladder {
         work.left += (self.unplanned * self.replicates) as f64 * mean * self.rungs[0];
         let mut configurations = trials.len() / self.replicates + self.unplanned;
         for rung in 1..self.rungs.len() {
-            // Nobody waits for a rung to be full: more may have gone on.
+            // Promotion is asynchronous, so more may have advanced.
             let passed = trials.iter().filter(|trial| trial.passed > rung).count();
             configurations = (configurations / self.keep).max(passed / self.replicates);
-            // The part of a run between two rungs, in trials.
+            // The part of a run between two rungs, as a number of trials.
             let length = self.rungs[rung] - begins(rung);
             let part = |trial: &TrialWork| ((trial.share - begins(rung)) / length).clamp(0.0, 1.0);
             let running = |trial: &&TrialWork| trial.passed == rung && !trial.is_over;
@@ -74,14 +74,14 @@ impl Ladder {
     }
 }
 
-/// The work of each trial, which is asked once.
+/// Estimates the work of a sweep; caches the work of each trial.
 #[derive(Default)]
 pub struct Estimate {
     whole: HashMap<String, f64>,
 }
 
 impl Estimate {
-    /// The work of a sweep; `steps` are those of the trials that run now, as far as that was heard.
+    /// Returns the work of a sweep; `steps` are the reported steps of the running trials.
     ///
     /// # Errors
     /// If the settings of a trial are wrong.
@@ -122,7 +122,7 @@ impl Estimate {
         Ok(ladder.work(&trials))
     }
 
-    /// The work of a trial that [`Self::of`] has seen.
+    /// Returns the work of a trial that [`Self::of`] has processed.
     pub fn whole(&self, trial: &str) -> f64 {
         self.whole.get(trial).copied().unwrap_or(0.0)
     }
@@ -138,7 +138,7 @@ mod tests {
         Ladder { rungs: vec![1.0 / 9.0, 1.0 / 3.0, 1.0], keep: 3, replicates: 1, unplanned }
     }
 
-    /// Of trials with steps as their unit: what is done and what is left.
+    /// Returns completed and remaining work, for trials whose unit is a step.
     fn work(ladder: &Ladder, trials: &[TrialWork]) -> (f64, f64) {
         let Work { done, left } = ladder.work(trials);
         ((1e6 * done).round() / 1e6, (1e6 * left).round() / 1e6)
@@ -156,15 +156,15 @@ mod tests {
 
     #[test]
     fn with_halving_most_trials_end_at_the_first_rung() {
-        // 27 of 100 steps, 9 that go on to 300, 3 to 900; all trials to the end would be 24,300.
+        // 27 of 100 steps, of which 9 advance to 300 and 3 to 900; all trials to the end would be 24,300.
         let mut trials = [OPEN; 27];
         assert_eq!(work(&halving(0), &trials), (0.0, 2700.0 + 1800.0 + 1800.0));
-        // All have reached the first rung, five of them the second, and one is halfway from there to the end.
+        // All have reached the first rung and five the second; one is halfway from there to the end.
         trials.iter_mut().for_each(|trial| trial.passed = 1);
         trials[..5].iter_mut().for_each(|trial| trial.passed = 2);
         trials[0].share = 2.0 / 3.0;
         assert_eq!(work(&halving(0), &trials), (2700.0 + 1000.0 + 300.0, 800.0 + 1500.0));
-        // More than a third went on, so that more will again.
+        // More than 1/3 advanced, so more will again.
         trials[..18].iter_mut().for_each(|trial| trial.passed = 2);
         assert_eq!(work(&halving(0), &trials).1, 3600.0 - 300.0);
         trials.iter_mut().for_each(|trial| trial.passed = 3);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn configurations_that_are_not_made_yet_are_counted() {
+    fn unplanned_configurations_are_counted() {
         let tpe = Ladder { rungs: vec![1.0], keep: 1, replicates: 2, unplanned: 8 };
         let trials = [[OPEN; 2], [TrialWork { passed: 1, is_over: true, ..OPEN }; 2]].concat();
         assert_eq!(work(&tpe, &trials), (1800.0, 1800.0 + 16.0 * 900.0));

@@ -1,4 +1,4 @@
-//! The folder of a sweep: its journals, and a folder for each trial with a lock.
+//! The folder of a sweep: its journals, and a folder with a lock per trial.
 
 use std::{
     fs::{self, File, TryLockError},
@@ -13,60 +13,60 @@ use crate::output::{self, Claim};
 #[derive(Clone, Debug)]
 pub struct SweepFolder(PathBuf);
 
-/// The right to work on something, held until it is dropped or the process ends, however it ends.
+/// An exclusive right, held until it is dropped or the process ends.
 #[derive(Debug)]
 pub enum Lock {
     /// A lock of the file system.
     File(#[expect(dead_code, reason = "held, never read")] File),
-    /// A file that only one can create, where there are no locks.
+    /// A file that only one process can create, if there are no locks.
     Claim(#[expect(dead_code, reason = "held, never read")] Claim),
 }
 
 impl SweepFolder {
-    /// The folder at this place; it need not be there yet.
+    /// Returns the folder at this path, which need not exist yet.
     pub fn new(path: PathBuf) -> Self {
         Self(path)
     }
 
-    /// Its path.
+    /// Returns its path.
     pub fn path(&self) -> &Path {
         &self.0
     }
 
-    /// Where journals are.
+    /// Returns the folder of journals.
     pub fn journals(&self) -> PathBuf {
         self.0.join("journal")
     }
 
-    /// Where workers' messages go.
+    /// Returns the folder of workers' messages.
     pub fn logs(&self) -> PathBuf {
         self.0.join("logs")
     }
 
-    /// Where references of measured views are.
+    /// Returns the folder of references of measured views.
     pub fn references(&self) -> PathBuf {
         self.0.join("references")
     }
 
-    /// Where the trials' folders are.
+    /// Returns the folder of the trials' folders.
     pub fn trials(&self) -> PathBuf {
         self.0.join("trials")
     }
 
-    /// The folder of a trial.
+    /// Returns the folder of a trial.
     pub fn trial(&self, id: &str) -> PathBuf {
         self.trials().join(id)
     }
 
-    /// The right to work on a trial, if nobody has it. The system takes it back from a process that is killed.
+    /// Locks a trial; `None` if a worker holds it. The system releases the lock of a killed process.
     ///
     /// # Errors
-    /// If the trial's folder cannot be made.
+    /// If the trial's folder cannot be created.
     pub fn lock(&self, id: &str) -> Result<Option<Lock>> {
         try_lock(&self.trial(id).join("lock"))
     }
 
-    /// Whether somebody works on a trial.
+    /// Whether a worker holds a trial.
     pub fn is_locked(&self, id: &str) -> bool {
         let path = self.trial(id).join("lock");
         File::open(&path).is_ok_and(|file| match file.try_lock_shared() {
@@ -76,7 +76,7 @@ impl SweepFolder {
         })
     }
 
-    /// The right to make the next configuration of adaptive search.
+    /// Locks the creation of the next configuration of adaptive search.
     ///
     /// # Errors
     /// As [`Self::lock`].
@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_at_a_time_works_on_a_trial() {
+    fn one_worker_at_a_time_holds_a_trial() {
         let here = tempfile::tempdir().unwrap();
         let folder = SweepFolder::new(here.path().to_owned());
         assert!(!folder.is_locked("a"));

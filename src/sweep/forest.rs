@@ -1,21 +1,22 @@
-//! Which settings matter: permutation importance over a random forest (Breiman 2001).
+//! Importance of settings: permutation importance over a random forest (Breiman 2001).
 
 use std::collections::HashSet;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Trees of a forest.
+/// Number of trees in a forest.
 pub const TREES: usize = 64;
 const LEAST_LEAF: usize = 2;
 const DEEPEST: usize = 12;
-/// Rows that a forest is fitted to at most; more say nothing new of a handful of settings.
+/// Maximum number of rows that a forest is fitted to; more add little for a handful of settings.
 const MOST_ROWS: usize = 2000;
 
-/// How much of the variance of `values` the forest no longer explains, out of bag, once a column of `rows` is shuffled: an importance for each
-/// column, in units of the variance; the share that it explains comes second. `None` of too few rows, or values that are all the same.
+/// Returns the out-of-bag loss in explained variance of `values` when a column of `rows` is shuffled: an
+/// importance per column, in units of the variance; and second, the fraction of variance that the forest
+/// explains. `None` for too few rows, or if all values are equal.
 ///
-/// A column's `NAN` stands for a setting that does not apply.
+/// `NAN` in a column stands for a setting that does not apply.
 pub fn importance(rows: &[Vec<f64>], values: &[f64], seed: u64) -> Option<(Vec<f64>, f64)> {
     let step = rows.len().div_ceil(MOST_ROWS).max(1);
     let chosen: Vec<usize> = (0..rows.len()).step_by(step).filter(|&row| values[row].is_finite()).collect();
@@ -27,7 +28,7 @@ pub fn importance(rows: &[Vec<f64>], values: &[f64], seed: u64) -> Option<(Vec<f
     }
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let (mut lost, mut judged) = (vec![0.0; columns], 0.0);
-    // What the trees that have not seen a row say of it: their sum, and how many they are.
+    // Sum and number of predictions for each row by the trees that were not fitted to it.
     let mut said = vec![(0.0, 0.0); rows.len()];
     for _ in 0..TREES {
         let bag: Vec<usize> = chosen.iter().map(|_| chosen[below(&mut random, chosen.len())]).collect();
@@ -68,7 +69,7 @@ fn below(random: &mut impl Rng, count: usize) -> usize {
 /// A regression tree.
 enum Node {
     Leaf(f64),
-    /// Rows whose column is at most the bound go to the first, all others to the second.
+    /// Rows whose column is at most the bound go to the first child, all others to the second.
     Split(usize, f64, Box<[Node; 2]>),
 }
 
@@ -79,7 +80,7 @@ impl Node {
             return Self::Leaf(mean);
         }
         let columns = rows[own[0]].len();
-        // A third of the columns at each split, as is usual for regression, and at least two.
+        // 1/3 of the columns at each split, as is usual for regression, and at least two.
         let tried = columns.div_ceil(3).max(2.min(columns));
         let mut best: Option<(f64, usize, f64)> = None;
         for _ in 0..tried {
@@ -106,7 +107,8 @@ impl Node {
     }
 }
 
-/// The cut of a column that lowers the sum of squares most: by how much, and where. Sorts the rows.
+/// Returns the cut of a column that lowers the sum of squares most: the reduction and the bound. Sorts the
+/// rows.
 fn best_cut(rows: &[Vec<f64>], values: &[f64], own: &mut [usize], column: usize) -> Option<(f64, f64)> {
     own.sort_by(|&a, &b| rows[a][column].total_cmp(&rows[b][column]));
     let (count, total) = (own.len() as f64, own.iter().map(|&row| values[row]).sum::<f64>());
@@ -131,11 +133,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_decides_is_found_and_what_does_not_is_near_zero() {
+    fn important_columns_are_found_and_others_are_near_zero() {
         let mut random = ChaCha8Rng::seed_from_u64(3);
         let rows: Vec<Vec<f64>> =
             (0..300).map(|_| (0..4).map(|_| below(&mut random, 1000) as f64 / 1000.0).collect()).collect();
-        // A step along the first column, a slope along the second that explains a twelfth as much, a little noise.
+        // A step along the first column, a slope along the second that explains 1/12 as much, and a little
+        // noise.
         let value = |row: &Vec<f64>| f64::from(u8::from(row[0] > 0.5)) + 0.5 * row[1] + 0.05 * row[3];
         let values: Vec<f64> = rows.iter().map(value).collect();
         let (found, explained) = importance(&rows, &values, 1).unwrap();
@@ -144,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_of_too_little() {
+    fn importance_is_none_for_too_few_or_equal_values() {
         assert!(importance(&[vec![1.0], vec![2.0]], &[1.0, 2.0], 1).is_none());
         assert!(importance(&vec![vec![1.0]; 20], &[1.0; 20], 1).is_none());
         assert!(importance(&[], &[], 1).is_none());

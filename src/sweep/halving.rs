@@ -1,11 +1,12 @@
-//! Asynchronous successive halving (Li et al. 2018): which configurations go on to which rung.
+//! Asynchronous successive halving (Li et al. 2018): promotion of configurations to rungs.
 
-/// What is known of a configuration: its score at each rung that all of its trials have reached, in the order of the rungs. Less is better; a
-/// configuration with a failed trial has an infinite score.
+/// Scores of a configuration at each rung that all of its trials have reached, in the order of the rungs.
+/// Lower is better; a configuration with a failed trial has an infinite score.
 pub type Scores = Vec<f64>;
 
-/// Configurations that go on now, each with the index of its next rung, the most advanced first. One of `keep` that have reached a rung goes
-/// on, as soon as it is among the best of those that have; nobody waits for a rung to be full.
+/// Returns the configurations to promote, each with the index of its next rung, the most advanced first. A
+/// configuration is promoted as soon as it is among the best 1 / `keep` of those that have reached its rung,
+/// without waiting for the rung to be full.
 pub fn promotions(scores: &[Scores], rungs: usize, keep: usize) -> Vec<(usize, usize)> {
     let mut promoted = Vec::new();
     for rung in (0..rungs.saturating_sub(1)).rev() {
@@ -24,7 +25,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_best_third_goes_on_and_the_most_advanced_first() {
+    fn the_best_third_is_promoted_and_the_most_advanced_first() {
         let scores = [vec![3.0], vec![1.0], vec![2.0], vec![6.0], vec![5.0], vec![4.0]];
         assert_eq!(promotions(&scores, 3, 3), [(1, 1), (2, 1)]);
         let scores = [vec![3.0, 1.5], vec![1.0, 0.5], vec![2.0, 0.6], vec![6.0], vec![5.0], vec![4.0], vec![0.5]];
@@ -32,13 +33,13 @@ mod tests {
     }
 
     #[test]
-    fn nobody_goes_on_of_too_few_or_beyond_the_last_rung() {
+    fn no_promotion_of_too_few_or_beyond_the_last_rung() {
         assert!(promotions(&[vec![1.0], vec![2.0]], 3, 3).is_empty());
         assert!(promotions(&[vec![1.0, 1.0], vec![2.0, 2.0]], 2, 2).is_empty());
     }
 
     #[test]
-    fn a_failed_configuration_never_goes_on() {
+    fn failed_configurations_are_never_promoted() {
         assert!(promotions(&[vec![f64::INFINITY], vec![f64::INFINITY]], 2, 2).is_empty());
     }
 }

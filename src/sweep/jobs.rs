@@ -1,4 +1,4 @@
-//! What is to be done next, as everything that is known says it.
+//! The next jobs of a sweep, from its plan and journals.
 
 use super::{
     Sweep,
@@ -8,7 +8,7 @@ use super::{
     space::{Assignment, Space},
 };
 
-/// A trial that is to go on until some step.
+/// A trial that is to run to some step.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Job {
     /// Index into the plan.
@@ -17,7 +17,7 @@ pub struct Job {
     pub until: Option<usize>,
 }
 
-/// Trials that can be worked on now, in the order in which they should be.
+/// Returns the trials that can be worked on now, in order of priority.
 pub fn jobs(space: &Space, plan: &Plan, ledger: &Ledger) -> Vec<Job> {
     let Some(halving) = &space.halving else {
         let open = |trial: &usize| !is_over(plan, ledger, *trial);
@@ -44,7 +44,7 @@ pub fn is_over(plan: &Plan, ledger: &Ledger, trial: usize) -> bool {
     record.is_some_and(|record| record.done.is_some() || record.failure().is_some())
 }
 
-/// The scores of a configuration at the rungs that all of its trials have reached.
+/// Returns the scores of a configuration at the rungs that all of its trials have reached.
 fn scores(space: &Space, plan: &Plan, ledger: &Ledger, configuration: &Configuration) -> Scores {
     let rungs = space.halving.as_ref().map_or(&[][..], |halving| &halving.rungs);
     let at = |step: &usize| {
@@ -54,7 +54,7 @@ fn scores(space: &Space, plan: &Plan, ledger: &Ledger, configuration: &Configura
     rungs.iter().map_while(at).map(|score| if score.is_nan() { f64::INFINITY } else { score }).collect()
 }
 
-/// The first objective of a trial at a rung; infinite of one that failed.
+/// Returns the first objective of a trial at a rung; infinite if it failed.
 fn figure(space: &Space, plan: &Plan, ledger: &Ledger, trial: usize, step: usize) -> Option<f64> {
     let record = ledger.record(&plan.trials[trial].id)?;
     let is_last = space.halving.as_ref().is_some_and(|halving| step == halving.last());
@@ -65,8 +65,8 @@ fn figure(space: &Space, plan: &Plan, ledger: &Ledger, trial: usize, step: usize
     }
 }
 
-/// The configurations that adaptive search learns from, with their scores: those at the highest rung that has enough of them, since scores of
-/// different rungs are not to be compared (Falkner et al. 2018).
+/// Returns the configurations for adaptive search, with their scores: those at the highest rung that has
+/// enough of them, since scores of different rungs are not comparable (Falkner et al. 2018).
 pub fn history(space: &Space, plan: &Plan, ledger: &Ledger) -> Vec<(Assignment, f64)> {
     const ENOUGH: usize = 8;
     let all: Vec<(&Configuration, Scores)> = plan
@@ -91,7 +91,7 @@ pub fn history(space: &Space, plan: &Plan, ledger: &Ledger) -> Vec<(Assignment, 
     (0..rungs).rev().map(of).find(|known| known.len() >= ENOUGH).unwrap_or_else(|| of(0))
 }
 
-/// The score of a configuration all of whose trials are over.
+/// Returns the score of a configuration whose trials are all over.
 fn whole(space: &Space, plan: &Plan, ledger: &Ledger, configuration: &Configuration) -> Scores {
     let figure = |trial: &usize| {
         let record = ledger.record(&plan.trials[*trial].id)?;
@@ -105,7 +105,7 @@ fn whole(space: &Space, plan: &Plan, ledger: &Ledger, configuration: &Configurat
 }
 
 impl Sweep {
-    /// Whether adaptive search is to make further configurations.
+    /// Whether adaptive search should make further configurations.
     pub fn wants_suggestions(&self) -> bool {
         self.space.search.method == super::space::Method::Tpe && self.suggested < self.space.search.n
     }

@@ -1,4 +1,4 @@
-//! What workers write down: each in a file of its own, one complete line at a time; readers merge.
+//! Journals of workers: each writes a file of its own, one complete line at a time; readers merge them.
 
 use std::{
     collections::{BTreeMap, HashMap},
@@ -19,83 +19,83 @@ use crate::run::Measures;
 pub struct Line {
     /// Seconds since 1970.
     pub time: f64,
-    /// What happened.
+    /// Event.
     #[serde(flatten)]
     pub event: Event,
 }
 
-/// What happened.
+/// An event in a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
     /// Adaptive search has made a configuration.
     Suggested {
-        /// The how many-th.
+        /// Index of the configuration.
         number: u64,
-        /// It.
+        /// Configuration.
         assignment: Assignment,
     },
-    /// A worker works on a trial.
+    /// A worker started on a trial.
     Started {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
-        /// Steps that were done before.
+        /// Steps done earlier.
         step: usize,
     },
-    /// A worker was asked to stop, and has left a checkpoint.
+    /// A worker was asked to stop, and left a checkpoint.
     Stopped {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
         /// Steps done.
         step: usize,
         /// Seconds since it started.
         seconds: f64,
     },
-    /// A trial has reached a rung.
+    /// A trial reached a rung.
     Rung {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
         /// Steps done.
         step: usize,
-        /// What validation says there.
+        /// Validation figures at the rung.
         measures: Measures,
         /// Seconds since it started.
         seconds: f64,
     },
     /// A trial is complete.
     Done {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
-        /// Everything measured.
+        /// All measurements.
         measures: Measures,
         /// Seconds since it started.
         seconds: f64,
     },
-    /// A trial has ended with an error.
+    /// A trial ended with an error.
     Failed {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
-        /// The error.
+        /// Error.
         reason: String,
     },
-    /// A failed trial may be tried again.
+    /// A failed trial may run again.
     Retry {
-        /// Its identity.
+        /// Identity of the trial.
         trial: String,
     },
 }
 
-/// The journal of one worker.
+/// Journal of one worker.
 pub struct Journal {
     file: File,
     path: PathBuf,
 }
 
 impl Journal {
-    /// A new file under a name that no other worker has.
+    /// Creates a file with a name that no other worker has.
     ///
     /// # Errors
-    /// If the folder or the file cannot be made.
+    /// If the folder or the file cannot be created.
     pub fn create(folder: &Path) -> Result<Self> {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
@@ -106,10 +106,10 @@ impl Journal {
         Ok(Self { file: file.with_context(|| path.display().to_string())?, path })
     }
 
-    /// Writes a line, whole and flushed to the disk.
+    /// Writes a complete line and flushes it to disk.
     ///
     /// # Errors
-    /// If the system refuses.
+    /// If the write fails.
     pub fn add(&mut self, event: Event) -> Result<()> {
         let line = serde_json::to_string(&Line { time: now(), event })? + "\n";
         let written = self.file.write_all(line.as_bytes()).and_then(|()| self.file.sync_data());
@@ -122,30 +122,30 @@ pub fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
-/// What is known of a trial.
+/// Merged events of a trial.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Record {
     /// Figures at rungs, by steps.
     pub rungs: BTreeMap<usize, Measures>,
-    /// Figures in the end.
+    /// Final figures.
     pub done: Option<Measures>,
-    /// When it failed last, and why.
+    /// Time and reason of the last failure.
     failure: Option<(f64, String)>,
-    /// When it was given another try.
+    /// Time of the last retry.
     retry: f64,
-    /// Starts: when, and at which step.
+    /// Time and step of each start.
     starts: Vec<(f64, usize)>,
-    /// When work last came to an end in order.
+    /// Time of the last regular end of work.
     stop: f64,
-    /// Seconds of work that came to an end in order.
+    /// Seconds of work that ended regularly.
     pub seconds: f64,
 }
 
-/// Starts at one and the same step without a word after which a trial counts as failed.
+/// Starts at the same step without a later event after which a trial counts as failed.
 const MOST_STARTS: usize = 5;
 
 impl Record {
-    /// Why it failed, unless it may be tried again.
+    /// Returns the reason of its failure, unless it may run again.
     pub fn failure(&self) -> Option<String> {
         if self.done.is_some() {
             return None;
@@ -161,20 +161,20 @@ impl Record {
         lost.map(|window| format!("ended {MOST_STARTS} times after step {} without a word", window[0]))
     }
 
-    /// Whether work was begun and has neither ended in order nor failed since.
+    /// Whether work was started and has neither ended regularly nor failed since.
     pub fn is_open(&self) -> bool {
         let last = self.starts.iter().map(|(time, _)| *time).fold(0.0, f64::max);
         self.done.is_none() && last > self.stop.max(self.failure.as_ref().map_or(0.0, |(time, _)| *time))
     }
 }
 
-/// All journals of a folder, merged. The order of files does not matter, nor that of lines of different files.
+/// All journals of a folder, merged. The order of files, and of lines of different files, does not matter.
 #[derive(Debug, Default)]
 pub struct Ledger {
     folder: PathBuf,
-    /// How far each file was read.
+    /// Number of bytes read of each file.
     read: HashMap<PathBuf, u64>,
-    /// By the trials' identities.
+    /// Records by the trials' identities.
     pub records: HashMap<String, Record>,
     suggested: BTreeMap<u64, Assignment>,
 }
@@ -183,17 +183,17 @@ impl Ledger {
     /// Reads all journals.
     ///
     /// # Errors
-    /// If a file that is there cannot be read.
+    /// If an existing file cannot be read.
     pub fn open(folder: &Path) -> Result<Self> {
         let mut ledger = Self { folder: folder.to_owned(), ..Self::default() };
         ledger.refresh()?;
         Ok(ledger)
     }
 
-    /// Reads what was added since.
+    /// Reads lines added since the last call.
     ///
     /// # Errors
-    /// If a file that is there cannot be read.
+    /// If an existing file cannot be read.
     pub fn refresh(&mut self) -> Result<()> {
         let Ok(entries) = fs::read_dir(&self.folder) else { return Ok(()) };
         for entry in entries.filter_map(std::result::Result::ok) {
@@ -205,7 +205,8 @@ impl Ledger {
         Ok(())
     }
 
-    /// A line without its end is one that is being written, or that a kill has torn: it is not read.
+    /// Reads the new complete lines of a file; a line without its end is still being written, or was torn by
+    /// a kill.
     fn read_on(&mut self, path: &Path) -> std::io::Result<()> {
         let offset = self.read.get(path).copied().unwrap_or(0);
         let mut file = File::open(path)?;
@@ -217,7 +218,7 @@ impl Ledger {
         file.read_to_end(&mut bytes)?;
         let whole = bytes.iter().rposition(|&byte| byte == b'\n').map_or(0, |end| end + 1);
         for line in bytes[..whole].split(|&byte| byte == b'\n') {
-            // A line of another version says nothing to this one.
+            // Skips lines of other versions.
             if let Ok(line) = serde_json::from_slice::<Line>(line) {
                 self.add(line);
             }
@@ -260,12 +261,12 @@ impl Ledger {
         self.records.entry(trial).or_default()
     }
 
-    /// What is known of a trial.
+    /// Returns the record of a trial.
     pub fn record(&self, trial: &str) -> Option<&Record> {
         self.records.get(trial)
     }
 
-    /// The suggested configurations, in their order.
+    /// Returns the suggested configurations in order.
     pub fn suggested(&self) -> Vec<Assignment> {
         self.suggested.values().cloned().collect()
     }
@@ -297,7 +298,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_line_is_not_read_and_hides_no_other() {
+    fn torn_lines_are_skipped_and_hide_no_others() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = Journal::create(folder.path()).unwrap();
         journal.add(Event::Started { trial: "a".into(), step: 0 }).unwrap();
@@ -306,12 +307,12 @@ mod tests {
         journal.file.write_all(torn.as_bytes()).unwrap();
         let mut ledger = Ledger::open(folder.path()).unwrap();
         assert!(ledger.records["a"].done.is_none() && ledger.records["a"].is_open());
-        // The worker that comes after a kill has a file of its own.
+        // The worker that follows a kill has a file of its own.
         let mut other = Journal::create(folder.path()).unwrap();
         other.add(Event::Done { trial: "a".into(), measures: Measures::new(), seconds: 2.0 }).unwrap();
         ledger.refresh().unwrap();
         assert!(ledger.records["a"].done.is_some());
-        // A line that was only slow is read once it is whole.
+        // A line whose end is late is read once it is complete.
         let rest = &torn.replace("measu", "measures\":{},\"seconds\":3.0}\n")[torn.len()..];
         OpenOptions::new().append(true).open(path).unwrap().write_all(rest.as_bytes()).unwrap();
         ledger.refresh().unwrap();
@@ -319,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_files_does_not_matter() {
+    fn order_of_files_does_not_matter() {
         let failed = event(2.0, Event::Failed { trial: "a".into(), reason: "no".into() });
         let retry = event(3.0, Event::Retry { trial: "a".into() });
         for lines in [[failed.clone(), retry.clone()], [retry, failed.clone()]] {
@@ -330,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trial_that_ends_again_and_again_without_a_word_has_failed() {
+    fn repeated_starts_without_an_end_count_as_failure() {
         let starts = |steps: &[usize]| ledger(steps.iter().enumerate().map(|(k, &step)| started(1.0 + k as f64, step)));
         assert!(starts(&[0; 5]).records["a"].failure().is_none());
         assert!(starts(&[7; 6]).records["a"].failure().unwrap().contains("after step 7"));

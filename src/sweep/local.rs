@@ -1,4 +1,4 @@
-//! A sweep on this machine: several worker processes, and what they say of themselves.
+//! A sweep on this machine: several worker processes and their progress.
 
 use std::{
     collections::HashMap,
@@ -28,30 +28,30 @@ use super::{
 use crate::terminal::{self, note, say};
 use crate::{output::make_folder, progress};
 
-/// Work off what is missing, in several processes.
+/// Run the missing trials in several processes.
 #[derive(Args)]
 pub struct Arguments {
     #[command(flatten)]
     place: Place,
     #[command(flatten)]
     checkpoints: Checkpoints,
-    /// Worker processes; the cores are shared out among them.
+    /// Worker processes; the cores are divided among them.
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
     jobs: u16,
-    /// Threads of each worker. Default: its share of the cores.
+    /// Threads per worker. Default: an equal part of the cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
 }
 
-/// What a worker says.
+/// Message from a worker.
 enum Message {
-    /// How far it is.
+    /// Progress.
     Tick(usize, Tick),
-    /// Its output has ended.
+    /// End of its output.
     End(usize),
 }
 
-/// Runs workers until nothing is left to do.
+/// Runs workers until no work is left.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
     let sweep = arguments.place.open()?;
@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     crew.conclude()
 }
 
-/// Workers, and what is shown of them.
+/// Workers and their progress bars.
 struct Crew<'a> {
     arguments: &'a Arguments,
     sweep: Sweep,
@@ -72,15 +72,15 @@ struct Crew<'a> {
     all: MultiProgress,
     total: progress::Bar,
     estimate: Estimate,
-    /// Steps done and to do of the trials that run, by their identities.
+    /// Completed and total steps of the running trials, by identity.
     steps: HashMap<String, (usize, usize)>,
-    /// Work that was done before.
+    /// Work that was done earlier.
     inherited: f64,
     send: Sender<Message>,
     receive: Receiver<Message>,
 }
 
-/// Time between two looks at the journals.
+/// Time between two reads of the journals.
 const LOOK: Duration = Duration::from_millis(500);
 
 impl<'a> Crew<'a> {
@@ -110,7 +110,7 @@ impl<'a> Crew<'a> {
         }
     }
 
-    /// Starts workers, shows what they say, and starts others in the place of those that were killed.
+    /// Starts workers, shows their progress, and replaces those that were killed.
     fn run(&mut self) -> Result<()> {
         self.inherited = self.estimate.of(&self.sweep, &self.steps)?.done;
         for _ in 0..self.arguments.jobs {
@@ -124,7 +124,7 @@ impl<'a> Crew<'a> {
                 Err(_) => {}
             }
             if self.stop.load(Ordering::Relaxed) {
-                // The end of their input asks workers to stop.
+                // Closing their input asks workers to stop.
                 self.workers.values_mut().for_each(|worker| drop(worker.stdin.take()));
             }
             if looked.elapsed() > LOOK {
@@ -160,10 +160,10 @@ impl<'a> Crew<'a> {
                     break;
                 }
             }
-            // Nobody listens any more where the program is about to end.
+            // The receiver is gone if the program is about to end.
             let _ = send.send(Message::End(number));
         });
-        // Above the one for all.
+        // Above the bar for the total.
         let bar = self.all.insert_from_back(1, ProgressBar::new(1));
         bar.set_style(style("{prefix:>12} [{bar:32}] {percent:>3}%  {eta} left  {msg}"));
         bar.set_prefix(format!("worker {number}"));
@@ -172,13 +172,13 @@ impl<'a> Crew<'a> {
         Ok(())
     }
 
-    /// Its share of the cores.
+    /// Returns the number of threads per worker.
     fn threads(&self) -> usize {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         self.arguments.threads.map_or((cores / usize::from(self.arguments.jobs)).max(1), usize::from)
     }
 
-    /// A worker is gone: in order, if there was nothing left for it; else another takes its place.
+    /// Handles the end of a worker: it is replaced if it was killed.
     fn end(&mut self, number: usize) -> Result<()> {
         if let Some(bar) = self.bars.remove(&number) {
             bar.finish_and_clear();
@@ -189,7 +189,7 @@ impl<'a> Crew<'a> {
         if status.success() || self.stop.load(Ordering::Relaxed) {
             return Ok(());
         }
-        // An exit status is a worker's own error, which another one would have too.
+        // An exit status is a worker's own error, which its replacement would have, too.
         ensure!(
             was_killed(status),
             "a worker ended with {status}; its messages are in {}",
@@ -211,7 +211,7 @@ impl<'a> Crew<'a> {
             bar.set_message(format!("{}, relative variance {variance:.4}", tick.trial));
         }
         if self.steps.insert(tick.trial.clone(), (tick.step, tick.steps)).is_none() {
-            // What its checkpoint has was done before.
+            // Work in its checkpoint was done earlier.
             let rung =
                 self.sweep.ledger.record(&tick.trial).and_then(|record| record.rungs.keys().next_back().copied());
             let resumed = tick.step.saturating_sub(rung.unwrap_or(0)) as f64 / tick.steps.max(1) as f64;
@@ -219,7 +219,7 @@ impl<'a> Crew<'a> {
         }
     }
 
-    /// How far all is: the share of the work that there was at the start and that came up since.
+    /// Shows the completed fraction of the work that was open at the start or was added since.
     fn show_total(&mut self) -> Result<()> {
         let Work { done, left } = self.estimate.of(&self.sweep, &self.steps)?;
         let done = done - self.inherited;
@@ -228,7 +228,7 @@ impl<'a> Crew<'a> {
         Ok(())
     }
 
-    /// The end in a sentence; an error where something failed or is left.
+    /// Reports the result in a sentence; returns an error if something failed or is left.
     fn conclude(&self) -> Result<()> {
         let (plan, ledger) = (&self.sweep.plan, &self.sweep.ledger);
         let records = || plan.trials.iter().filter_map(|trial| ledger.record(&trial.id));
@@ -251,11 +251,11 @@ impl<'a> Crew<'a> {
 }
 
 impl Drop for Crew<'_> {
-    /// After an error, workers stop at the end of their input; they are waited for, so that none is left behind.
+    /// After an error, stops workers by closing their input, and waits for them.
     fn drop(&mut self) {
         for worker in self.workers.values_mut() {
             drop(worker.stdin.take());
-            // It is gone already where waiting fails.
+            // If waiting fails, it is already gone.
             let _ = worker.wait();
         }
     }

@@ -1,4 +1,4 @@
-//! `headtail sweep`: many runs from one file, each trial once, whatever is killed meanwhile.
+//! `headtail sweep`: many runs from one file; each trial runs once, even if processes are killed.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -11,8 +11,8 @@
 //! | `status.rs`, `estimate.rs` | progress; expected work |
 //! | `collect.rs`, `retry.rs` | one table of all trials; failed trials |
 //! | `report.rs`, `report/` | the page |
-//! | `effect.rs`, `forest.rs` | what a setting's values do; which settings matter |
-//! | `arguments.rs`, `place.rs` | the command line; the sweep that a command is about |
+//! | `effect.rs`, `forest.rs` | effects of a setting's values; importance of settings |
+//! | `arguments.rs`, `place.rs` | the command line; the sweep of a command |
 
 mod arguments;
 mod axis;
@@ -44,27 +44,27 @@ use self::{folder::SweepFolder, journal::Ledger, plan::Plan, space::Space};
 use crate::run::Contents;
 pub use arguments::{Arguments, run};
 
-/// A space, its folder, and what is known of its trials.
+/// A space, its folder, and its trials.
 pub struct Sweep {
-    /// The space.
+    /// Space.
     pub space: Space,
-    /// The folder.
+    /// Folder.
     pub folder: SweepFolder,
-    /// The trials.
+    /// Trials.
     pub plan: Plan,
-    /// What happened so far.
+    /// Events so far.
     pub ledger: Ledger,
-    /// What is in the files that runs name.
+    /// Hashes of the files that runs name.
     contents: Contents,
-    /// Configurations that adaptive search has made.
+    /// Number of configurations that adaptive search has made.
     suggested: usize,
 }
 
 impl Sweep {
-    /// Opens a space with its folder, which need not be there yet.
+    /// Opens a space with its folder, which need not exist yet.
     ///
     /// # Errors
-    /// If the space or a trial of it is wrong, or a journal cannot be read.
+    /// If the space or one of its trials is invalid, or a journal cannot be read.
     pub fn open(file: &Path, folder: SweepFolder) -> Result<Self> {
         let space = Space::open(file)?;
         let ledger = Ledger::open(&folder.journals())?;
@@ -74,7 +74,7 @@ impl Sweep {
         Ok(Self { space, folder, plan, ledger, contents, suggested: suggested.len() })
     }
 
-    /// Reads what others wrote down meanwhile, and plans what they suggested.
+    /// Reads what other workers have written since, and plans the configurations that they suggested.
     ///
     /// # Errors
     /// As [`Self::open`].

@@ -1,4 +1,4 @@
-//! Which sweep a command is about, and how often its workers save.
+//! The sweep of a command, and the frequency of its checkpoints.
 
 use std::path::PathBuf;
 
@@ -10,21 +10,21 @@ use super::{Sweep, folder::SweepFolder};
 /// A space and its folder.
 #[derive(Args, Clone, Debug)]
 pub struct Place {
-    /// The file that describes the space.
+    /// File that describes the space.
     #[arg(value_name = "SPACE.toml")]
     pub space: PathBuf,
-    /// The folder of the sweep. Default: space.sweep beside space.toml.
+    /// Folder of the sweep. Default: space.sweep beside space.toml.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }
 
 impl Place {
-    /// The folder.
+    /// Returns the folder.
     pub fn folder(&self) -> SweepFolder {
         SweepFolder::new(self.out.clone().unwrap_or_else(|| self.space.with_extension("sweep")))
     }
 
-    /// The sweep.
+    /// Opens the sweep.
     ///
     /// # Errors
     /// As [`Sweep::open`].
@@ -33,10 +33,10 @@ impl Place {
     }
 }
 
-/// How often workers save.
+/// Frequency of checkpoints.
 #[derive(Args, Clone, Copy, Debug)]
 pub struct Checkpoints {
-    /// Steps between checkpoints: what a kill can cost.
+    /// Steps between checkpoints: the most that a kill can lose.
     #[arg(long, value_name = "STEPS", default_value_t = 250, value_parser = clap::value_parser!(u32).range(1..))]
     pub checkpoint_every: u32,
 }

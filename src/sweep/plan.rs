@@ -1,4 +1,4 @@
-//! From a space to its trials.
+//! Plans the trials of a space.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -15,24 +15,25 @@ use super::{
 };
 use crate::run::{Contents, RunConfig, RunTable};
 
-/// More trials than this are a mistake.
+/// Maximum number of trials; more are a mistake.
 const MOST_TRIALS: usize = 1_000_000;
 
 /// One run of a sweep.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Trial {
-    /// Hash of the resolved settings, of what is in the files that they name, and of the program's version.
+    /// Hash of the resolved settings, of the content of the files that they name, and of the program's
+    /// version.
     pub id: String,
-    /// What it sets.
+    /// Values that it sets.
     pub assignment: Assignment,
-    /// The configuration that it is a trial of: an index into [`Plan::configurations`].
+    /// Index of its configuration in [`Plan::configurations`].
     pub configuration: usize,
 }
 
-/// A configuration and its trials, one for each seed, map, ...
+/// A configuration and its trials, one per seed, map, ...
 #[derive(Clone, Debug, PartialEq)]
 pub struct Configuration {
-    /// What it sets.
+    /// Values that it sets.
     pub assignment: Assignment,
     /// Indices into [`Plan::trials`].
     pub trials: Vec<usize>,
@@ -41,17 +42,17 @@ pub struct Configuration {
 /// All trials of a space.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Plan {
-    /// In the order in which they are begun.
+    /// In the order in which they are started.
     pub trials: Vec<Trial>,
     /// In the same order.
     pub configurations: Vec<Configuration>,
 }
 
 impl Plan {
-    /// The plan of a space; adaptive search has planned the configurations that it `suggested` so far.
+    /// Plans a space; `suggested` are the configurations of adaptive search so far.
     ///
     /// # Errors
-    /// If there are too many trials, or the settings of one are wrong.
+    /// If there are too many trials, or the settings of one are invalid.
     pub fn new(space: &Space, suggested: &[Assignment], contents: &Contents) -> Result<Self> {
         let searched: Vec<&Axis> = space.searched().collect();
         let configurations = match space.search.method {
@@ -65,7 +66,7 @@ impl Plan {
         ensure!(count <= MOST_TRIALS, "the space has {count} trials; at most {MOST_TRIALS} are planned");
 
         let mut plan = Self::default();
-        // The same configuration can come about twice: by draws, or where a condition drops what differs.
+        // A configuration can occur twice: by draws, or if a condition drops the difference.
         let mut known: HashMap<String, ()> = HashMap::new();
         for assignment in configurations {
             let assignment = space.active(assignment);
@@ -85,7 +86,7 @@ impl Plan {
         };
         let trials: Vec<Vec<Trial>> =
             plan.configurations.par_iter().enumerate().map(of_configuration).collect::<Result<_>>()?;
-        // Settings that only look different (0.5 and 5e-1) have one trial.
+        // Equal settings in different notation (0.5 and 5e-1) give one trial.
         let mut ids: HashMap<String, usize> = HashMap::new();
         for trial in trials.into_iter().flatten() {
             let next = plan.trials.len();
@@ -99,39 +100,39 @@ impl Plan {
     }
 }
 
-/// Reads the maps once, before all threads ask for them at the same time.
+/// Reads the maps once, before all threads request them at the same time.
 fn read_maps(space: &Space, contents: &Contents) {
     let axis = space.axes.iter().find(|axis| axis.key == "env").and_then(|axis| axis.grid().ok());
     let maps = axis.unwrap_or_default().into_iter().chain(space.run.get("env").cloned());
     maps.filter_map(|map| map.as_str().map(str::to_owned)).for_each(|map| drop(contents.map(&map)));
 }
 
-/// The run of a trial.
+/// Returns the run of a trial.
 ///
 /// # Errors
-/// Names the values of the assignment, and what is wrong.
+/// If the settings are invalid; the error names the values of the assignment.
 pub fn resolve(space: &Space, assignment: &Assignment) -> Result<RunConfig> {
     let run = space.table(assignment).and_then(|table| RunTable::new("run", table)?.resolve());
     run.with_context(|| format!("the trial {{{}}}", text(assignment)))
 }
 
-/// The first 64 bits of the hash of a run.
+/// Returns the first 64 bits of the hash of a run.
 fn identity(run: &RunConfig, contents: &Contents) -> Result<String> {
     Ok(run.hash(contents)?[..16].to_owned())
 }
 
-/// An assignment in words: `head.bins = 8, learning_rate = 0.004`.
+/// Formats an assignment: `head.bins = 8, learning_rate = 0.004`.
 pub fn text(assignment: &Assignment) -> String {
     assignment.iter().map(|(key, value)| format!("{key} = {value}")).collect::<Vec<_>>().join(", ")
 }
 
-/// The draw number `number` of random search.
+/// Returns draw `number` of random search.
 pub fn drawn(space: &Space, number: u64) -> Assignment {
     let mut random = stream(space.search.seed, number);
     space.searched().map(|axis| (axis.key.clone(), axis.draw(&mut random))).collect()
 }
 
-/// The random numbers of a draw.
+/// Returns the random numbers of a draw.
 pub fn stream(seed: u64, number: u64) -> ChaCha8Rng {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(number);
@@ -175,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn products_zips_and_draws_have_their_number_of_trials() {
+    fn products_zips_and_draws_have_the_expected_number_of_trials() {
         let axes = "steps = [1, 2, 3]\nseed = [0, 1, 2]\n";
         assert_eq!(plan(axes).unwrap().trials.len(), 9);
         assert_eq!(plan(&format!("{axes}[search]\nmethod = 'zip'")).unwrap().trials.len(), 3);
@@ -188,13 +189,13 @@ mod tests {
     }
 
     #[test]
-    fn a_setting_that_does_not_apply_makes_no_trials() {
+    fn inapplicable_settings_make_no_trials() {
         let axes = "loss = ['forward-kl', 'log-chi-square']\nentropic = { values = [0.0, 1e-4], when = { loss = 'forward-kl' } }";
         assert_eq!(plan(axes).unwrap().trials.len(), 3);
     }
 
     #[test]
-    fn a_changed_space_keeps_the_trials_that_it_shares() {
+    fn a_changed_space_keeps_common_trials() {
         let ids = |axes: &str| plan(axes).unwrap().trials.into_iter().map(|trial| trial.id).collect::<Vec<_>>();
         let (small, large) = (ids("head.bins = [4, 8]"), ids("head.bins = [8, 4, 16]\nseed = [0]"));
         assert_eq!((&small[0], &small[1]), (&large[1], &large[0]));
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_trial_is_named() {
+    fn errors_name_the_invalid_value() {
         let error = format!("{:#}", plan("head.bins = [4, -1]").unwrap_err());
         assert!(error.contains("head.bins = -1"), "{error}");
         let error = format!("{:#}", plan("head.bin = [4]").unwrap_err());

@@ -1,44 +1,44 @@
-//! What Slurm says of the jobs that a sweep was sent as.
+//! State of a sweep's jobs in Slurm.
 
 use std::{collections::BTreeMap, fs, path::Path, process::Command};
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
-/// A job that was sent, as a line of the folder's list.
+/// A submitted job, as a line of the folder's list.
 #[derive(Serialize, Deserialize)]
 pub struct Sent {
-    /// Its number.
+    /// Number of the job.
     pub job: String,
-    /// Tasks of its array.
+    /// Number of tasks in its array.
     pub tasks: u32,
 }
 
-/// The list of jobs that were sent, in the folder of a sweep.
+/// The list of submitted jobs, in the folder of a sweep.
 pub const SENT: &str = "slurm.jsonl";
 
-/// Slurm's answers.
+/// Answers of Slurm.
 #[derive(Debug, PartialEq, Serialize)]
 pub struct Queue {
-    /// The jobs that were sent.
+    /// Submitted jobs.
     pub jobs: Vec<String>,
-    /// Programs that said something of them.
+    /// Programs that answered.
     pub asked: Vec<&'static str>,
-    /// Tasks by their names, `JOB_TASK`.
+    /// Tasks by name, `JOB_TASK`.
     pub tasks: BTreeMap<String, Task>,
 }
 
-/// Where a task of an array is.
+/// State of a task of an array.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 pub struct Task {
-    /// Slurm's word: `PENDING`, `RUNNING`, `COMPLETED`, ...
+    /// Slurm's name of the state: `PENDING`, `RUNNING`, `COMPLETED`, ...
     pub state: String,
-    /// Exit code and signal, `0:0`, where accounts are kept.
+    /// Exit code and signal, `0:0`, if accounts are kept.
     pub exit: Option<String>,
 }
 
 impl Queue {
-    /// Asks `squeue`, and `sacct` where Slurm keeps accounts; `None` if nothing was sent from this folder.
+    /// Asks `squeue`, and `sacct` if Slurm keeps accounts; `None` if nothing was submitted from this folder.
     ///
     /// # Errors
     /// If the folder's list of jobs cannot be read.
@@ -54,7 +54,7 @@ impl Queue {
             answer("sacct", &[&["--noheader", "--allocations", "--parsable2", "--jobs", &names], &format[..]].concat());
         let queue = answer("squeue", &["--noheader", "--array", "--jobs", &names, "--format", "%i|%T"]);
         let mut found = Self { jobs, asked: Vec::new(), tasks: BTreeMap::new() };
-        // What waits and runs is known to the queue first.
+        // In this order, since the queue is more recent on waiting and running tasks.
         for (program, answer) in [("sacct", accounts), ("squeue", queue)] {
             let Some(answer) = answer else { continue };
             found.asked.push(program);
@@ -63,7 +63,7 @@ impl Queue {
         Ok(Some(found))
     }
 
-    /// A line of an answer: `JOB_TASK|STATE` and maybe `|EXIT`.
+    /// Adds a line of an answer: `JOB_TASK|STATE` and possibly `|EXIT`.
     fn add(&mut self, line: &str) {
         let mut fields = line.split('|').map(str::trim);
         let (Some(task), Some(state)) = (fields.next(), fields.next()) else { return };
@@ -75,7 +75,7 @@ impl Queue {
         }
     }
 
-    /// The answers in a few lines: how many tasks are in which state, and those that ended badly.
+    /// Summarises the answers in a few lines: the number of tasks per state, and the tasks that failed.
     pub fn lines(&self) -> Vec<String> {
         let jobs = self.jobs.join(", ");
         if self.asked.is_empty() {
@@ -99,7 +99,7 @@ impl Queue {
 }
 
 impl Task {
-    /// Whether it ended, and neither in order nor to be queued again.
+    /// Whether the task ended, neither regularly nor to be queued again.
     fn is_bad(&self) -> bool {
         const GOOD: [&str; 8] =
             ["PENDING", "CONFIGURING", "RUNNING", "COMPLETING", "COMPLETED", "REQUEUED", "REQUEUE_HOLD", "SUSPENDED"];
@@ -107,16 +107,17 @@ impl Task {
     }
 }
 
-/// Most tasks that one name stands for.
+/// Maximum number of tasks in one name.
 const MOST_TASKS: usize = 100_000;
 
-/// The tasks that a name stands for: `sacct` has those that wait in one line, as in `31_[2-4,7%2]`. A name that is no list stands for itself.
+/// Expands a name to its tasks: `sacct` lists waiting tasks in one line, as in `31_[2-4,7%2]`. Names without
+/// a list are returned unchanged.
 fn expanded(name: &str) -> Vec<String> {
     let list = name.split_once("_[").and_then(|(job, list)| Some((job, list.strip_suffix(']')?)));
     let Some((job, list)) = list else { return vec![name.to_owned()] };
     let list = list.split('%').next().unwrap_or_default();
     let range = |part: &str| {
-        // "0-12:4": every fourth.
+        // "0-12:4": every fourth task.
         let (range, step) = part.split_once(':').unwrap_or((part, "1"));
         let (first, last) = range.split_once('-').unwrap_or((range, range));
         Some((first.parse::<u32>().ok()?, last.parse::<u32>().ok()?, step.parse::<u32>().ok()?.max(1)))
@@ -126,7 +127,7 @@ fn expanded(name: &str) -> Vec<String> {
     tasks.take(MOST_TASKS).map(|task| format!("{job}_{task}")).collect()
 }
 
-/// The output of a command that succeeds.
+/// Returns the output of a command, if it succeeds.
 fn answer(program: &str, arguments: &[&str]) -> Option<String> {
     let output = Command::new(program).args(arguments).output().ok()?;
     output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
@@ -137,7 +138,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn tasks_that_ended_badly_are_named() {
+    fn failed_tasks_are_named() {
         let mut queue = Queue { jobs: vec!["7".into()], asked: vec!["sacct"], tasks: BTreeMap::new() };
         for line in ["7_0|COMPLETED|0:0", "7_1|FAILED|1:0", "7_2|CANCELLED by 12|0:15", "7_3|RUNNING|0:0", "torn"] {
             queue.add(line);
@@ -153,11 +154,11 @@ mod tests {
     }
 
     #[test]
-    fn tasks_that_wait_are_told_apart() {
+    fn lists_of_waiting_tasks_are_expanded() {
         let names = |name: &str| expanded(name).join(" ");
         assert_eq!(names("7_[2-4,9%2]"), "7_2 7_3 7_4 7_9");
         assert_eq!(names("7_[0-8:4]"), "7_0 7_4 7_8");
-        // What is no list is left as it is, and a list is no reason to run out of memory.
+        // Names without a list are unchanged, and long lists are limited.
         for name in ["7_3", "7", "7_[", "7_[]", "7_[a-b]", "7_[1-2"] {
             assert_eq!(names(name), name);
         }

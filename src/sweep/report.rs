@@ -1,5 +1,6 @@
-//! The page of a sweep: one file that needs nothing but itself. Its script draws the table of trials and the parallel coordinates, which are brushed and
-//! filtered together; all other charts and tables are those of every page.
+//! The page of a sweep: one self-contained file. Its script draws the table of trials and the parallel
+//! coordinates, which are brushed and filtered together; all other charts and tables are shared with other
+//! pages.
 
 mod charts;
 
@@ -33,15 +34,15 @@ use crate::{
 const STYLE: &str = include_str!("report/page.css");
 const SCRIPT: &str = include_str!("report/page.js");
 
-/// Trials whose learning curves are drawn: the best ones.
+/// Number of learning curves: those of the best trials.
 const CURVES: usize = 40;
 
-/// What the script draws from.
+/// Data for the script.
 #[derive(Serialize)]
 struct Data {
-    /// Where the trials' folders are, as a link from the page.
+    /// Link from the page to the trials' folders.
     trials_at: String,
-    /// The command of a trial, for a shell in the folder from which the page was asked for; `{id}` stands for the trial.
+    /// Command of a trial, for a shell in the folder where the page was made; `{id}` stands for the trial.
     fit: String,
     objectives: Vec<String>,
     axes: Vec<AxisData>,
@@ -53,7 +54,7 @@ struct Data {
 struct AxisData {
     key: String,
     log: bool,
-    /// Values in words, where they are no numbers.
+    /// Values as text, if they are not numbers.
     words: Option<Vec<String>>,
 }
 
@@ -62,38 +63,38 @@ struct TrialData {
     id: String,
     state: String,
     configuration: usize,
-    /// One for each axis: a number, an index into the words, or nothing.
+    /// One per axis: a number, an index into `words`, or nothing.
     at: Vec<Option<f64>>,
-    /// One for each objective.
+    /// One per objective.
     figures: Vec<Option<f64>>,
     seconds: f64,
     error: String,
 }
 
-/// A configuration whose trials all are done.
+/// A configuration whose trials are all done.
 #[derive(Serialize)]
 struct Configuration {
     name: String,
-    /// One for each objective.
+    /// One per objective.
     figures: Vec<f64>,
-    /// Seconds of work, in all of its trials.
+    /// Seconds of work of all its trials.
     seconds: f64,
-    /// Whether no other is at least as good in everything and better in something.
+    /// Whether it is on the Pareto front: no other is at least as good in every objective and better in one.
     front: bool,
     trials: Vec<usize>,
 }
 
-/// Which settings matter.
+/// Importance of settings.
 struct Importance {
     explained: f64,
-    /// By the settings' keys, the largest first.
+    /// Fractions by the settings' keys, the largest first.
     shares: Vec<(String, f64)>,
 }
 
-/// The whole page, which is to be written to this file.
+/// Returns the whole page, which is to be written to `file`.
 ///
 /// # Errors
-/// If the way from the file to the trials cannot be told.
+/// If the path from the file to the trials cannot be determined.
 pub fn page(sweep: &Sweep, command: &str, file: &Path) -> Result<String> {
     let rows = collect::rows(sweep);
     let data = data(sweep, &rows, file)?;
@@ -112,7 +113,7 @@ pub fn page(sweep: &Sweep, command: &str, file: &Path) -> Result<String> {
     let effects: Vec<_> = effects.filter(|(_, effects)| !effects.is_empty()).collect();
     let has_seeds = sweep.space.axes.iter().any(|axis| axis.key == "seed");
     let importance = importance(sweep, &data.axes, &rows, first);
-    // Within a script element only `<` could end it.
+    // Within a script element, only `<` could end it.
     let json = serde_json::to_string(&data)?.replace('<', "\\u003c");
     let main = html! {
         (charts::to_be_had(&data.objectives, &data.configurations))
@@ -167,9 +168,9 @@ fn data(sweep: &Sweep, rows: &[Row<'_>], file: &Path) -> Result<Data> {
     Ok(Data { trials_at, fit, objectives, axes, trials, configurations })
 }
 
-/// The way from one folder to another as a link; the whole path where they have nothing in common.
+/// Returns the path from one folder to another as a link; the whole path if they have nothing in common.
 fn way(from: &Path, to: &Path) -> io::Result<String> {
-    // What is not there yet is no link to elsewhere.
+    // A path that does not exist yet has no symbolic links.
     let whole = |path: &Path| -> io::Result<PathBuf> {
         let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
         fs::canonicalize(path).or_else(|_| std::path::absolute(path))
@@ -187,7 +188,7 @@ impl AxisData {
         let is_number = seen().all(|value| number(value).is_some());
         let log = match &axis.values {
             Values::Range { log, .. } => *log,
-            // Values that span a factor of ten and more are told apart on a logarithmic axis.
+            // Values that span a factor of at least 10 need a logarithmic axis.
             Values::List(_) => {
                 let numbers: Vec<f64> = seen().filter_map(number).collect();
                 let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
@@ -213,7 +214,7 @@ fn number(value: &Value) -> Option<f64> {
     value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64))
 }
 
-/// The configurations all of whose trials are done, and which of them are on the Pareto front.
+/// Returns the configurations whose trials are all done, with their membership of the Pareto front.
 fn configurations(sweep: &Sweep, rows: &[Row<'_>], objectives: &[String]) -> Vec<Configuration> {
     let by_id: BTreeMap<&str, usize> =
         rows.iter().enumerate().map(|(index, row)| (row.trial.id.as_str(), index)).collect();
@@ -245,7 +246,7 @@ fn dominates(a: &[f64], b: &[f64]) -> bool {
     a.iter().zip(b).all(|(a, b)| a <= b) && a.iter().zip(b).any(|(a, b)| a < b)
 }
 
-/// Relative variance against steps of the best trials, by what they set.
+/// Returns relative variance over steps of the best trials, with their settings as names.
 fn curves(sweep: &Sweep, data: &Data) -> Vec<Curve> {
     let trials = &data.trials;
     let mut order: Vec<usize> = (0..trials.len()).filter(|&trial| trials[trial].figures[0].is_some()).collect();
@@ -264,7 +265,7 @@ fn curves(sweep: &Sweep, data: &Data) -> Vec<Curve> {
     order.into_iter().take(CURVES).filter_map(read).collect()
 }
 
-/// The importance of every setting that tells comparable trials apart.
+/// Returns the importance of every setting that distinguishes comparable trials.
 fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &str) -> Option<Importance> {
     let settings: Vec<(&Axis, &AxisData)> =
         sweep.space.axes.iter().zip(axes).filter(|(axis, _)| !is_map(sweep, axis)).collect();

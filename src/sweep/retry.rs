@@ -1,4 +1,4 @@
-//! Lets failed trials be tried again.
+//! Allows failed trials to run again.
 
 use anyhow::Result;
 
@@ -9,7 +9,7 @@ use super::{
 
 use crate::terminal::say;
 
-/// Writes down that every failed trial may be tried again.
+/// Records that every failed trial may run again.
 pub fn run(sweep: &Sweep) -> Result<()> {
     let has_failed = |id: &str| sweep.ledger.record(id).is_some_and(|record| record.failure().is_some());
     let failed: Vec<&str> =

@@ -1,4 +1,5 @@
-//! The next configuration of adaptive search, by tree-structured Parzen estimators (Bergstra et al. 2011), one for each axis.
+//! The next configuration of adaptive search, by tree-structured Parzen estimators (Bergstra et al. 2011),
+//! one per axis.
 
 use anyhow::{Result, anyhow};
 use tpe::{TpeOptimizer, categorical_range, histogram_estimator, parzen_estimator, range};
@@ -9,10 +10,11 @@ use super::{
     space::{Assignment, Space},
 };
 
-/// So many configurations are drawn at random first.
+/// Number of configurations that are drawn at random first.
 pub const RANDOM_FIRST: u64 = 10;
 
-/// Configuration number `number`, from the scores of those before it (less is better). The same history gives the same configuration.
+/// Returns configuration `number`, from the scores of those before it (lower is better). The same history
+/// gives the same configuration.
 ///
 /// # Errors
 /// If an axis cannot be searched.
@@ -27,10 +29,10 @@ pub fn suggest(space: &Space, history: &[(Assignment, f64)], number: u64) -> Res
         let (mut estimator, is_list) = estimator(axis).map_err(|error| wrong(&error))?;
         for (known, score) in history {
             // An axis that a configuration did not set is told as one without a value.
-            let place = known.get(&axis.key).and_then(|value| axis.place(value)).unwrap_or(f64::NAN);
-            // A finite number stands for a failure: estimators rank, and never look at distances.
+            let place = known.get(&axis.key).and_then(|value| axis.place(value));
+            // A finite number represents a failure: estimators only rank scores.
             let score = if score.is_finite() { *score } else { f64::MAX };
-            estimator.tell(if is_list { place } else { place.min(BELOW_1) }, score).map_err(|error| wrong(&error))?;
+            estimator.tell(told(place, is_list), score).map_err(|error| wrong(&error))?;
         }
         let place = estimator.ask(&mut random).map_err(|error| wrong(&error))?;
         let value = match &axis.values {
@@ -42,8 +44,10 @@ pub fn suggest(space: &Space, history: &[(Assignment, f64)], number: u64) -> Res
     Ok(space.active(assignment))
 }
 
-/// The end of an estimator's range is not part of it.
-const BELOW_1: f64 = 1.0 - 1e-9;
+/// Returns the value of an axis as its estimator is told it: NaN if there is none, and below 1 for a range, which excludes its end.
+fn told(place: Option<f64>, is_list: bool) -> f64 {
+    place.map_or(f64::NAN, |place| if is_list { place } else { place.min(1.0 - 1e-9) })
+}
 
 fn estimator(axis: &Axis) -> Result<(TpeOptimizer, bool), tpe::range::RangeError> {
     Ok(match &axis.values {
@@ -58,7 +62,7 @@ mod tests {
 
     use super::*;
 
-    /// A valley at learning rate 1e-2 and 16 bins.
+    /// A minimum at learning rate 1e-2 and 16 bins.
     fn score(assignment: &Assignment) -> f64 {
         let rate = assignment["learning_rate"].as_float().unwrap();
         let bins = if assignment["head.bins"] == Value::Integer(16) { 0.0 } else { 1.0 };
@@ -66,7 +70,7 @@ mod tests {
     }
 
     #[test]
-    fn it_finds_a_valley_faster_than_draws_do() {
+    fn adaptive_search_beats_random_draws() {
         let text = "objectives = ['kl']\n[run]\nenv = 'studio'\n[axes]\nlearning_rate = { log = [1e-4, 1.0] }\n\
                     head.bins = [4, 8, 16, 32]\n[search]\nmethod = 'tpe'\nn = 60\n";
         let mut better = 0;
@@ -85,8 +89,14 @@ mod tests {
             };
             better += u32::from(best(true) < best(false));
         }
-        // Of ten fair coins, eight heads or more come up one time in eighteen.
+        // With ten fair coins, the probability of eight or more heads is about 1/18.
         assert!(better >= 8, "{better} of 10");
+    }
+
+    #[test]
+    fn missing_values_are_told_as_missing() {
+        assert!(told(None, false).is_nan() && told(None, true).is_nan());
+        assert!(told(Some(1.0), false) < 1.0 && told(Some(2.0), true) == 2.0);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A sweep on a cluster under Slurm: one array job, whose tasks take trials as workers do anywhere.
+//! A sweep on a Slurm cluster: one array job, whose tasks work like other workers.
 
 use std::{
     fs::OpenOptions,
@@ -24,32 +24,34 @@ use super::{
 use crate::terminal::{note, out};
 use crate::{output::make_folder, progress};
 
-/// Send one array job to Slurm, print its number and return.
+/// Submit one array job to Slurm, print its number and return.
 #[derive(Args)]
 pub struct Arguments {
     #[command(flatten)]
     place: Place,
     #[command(flatten)]
     checkpoints: Checkpoints,
-    /// Tasks of the array; each takes trials until none is left. Default: one for each open trial, up to 1000.
+    /// Tasks of the array. Default: one per open trial, up to 1000.
+    /// Each task takes trials until none is left.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     tasks: Option<u32>,
-    /// Tasks that run at one time. Default: as many as there is room for.
+    /// Maximum number of simultaneous tasks. Default: no limit.
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
     at_once: Option<u32>,
-    /// An option for sbatch, as in --sbatch=--time=4:00:00; may be repeated. Lines of SPACE.toml that begin with #SBATCH are passed on too.
+    /// Pass an option to sbatch, as in --sbatch=--time=4:00:00.
+    /// May be repeated. Lines of SPACE.toml that begin with #SBATCH are passed on, too.
     #[arg(long, value_name = "OPTION", allow_hyphen_values = true)]
     sbatch: Vec<String>,
-    /// Write the job's script and send nothing.
+    /// Write the job's script without submitting it.
     #[arg(long)]
     dry_run: bool,
 }
 
 const SCRIPT: &str = "slurm.sh";
-/// Most tasks by default: what a Slurm of usual settings takes as one array.
+/// Default maximum of tasks: the size of an array in Slurm's usual settings.
 const MOST_TASKS: usize = 1000;
 
-/// Writes the script and sends it.
+/// Writes the script and submits it.
 pub fn submit(arguments: &Arguments) -> Result<()> {
     let sweep = arguments.place.open()?;
     let open = (0..sweep.plan.trials.len()).filter(|&trial| !jobs::is_over(&sweep.plan, &sweep.ledger, trial)).count();
@@ -58,7 +60,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let tasks = arguments.tasks.unwrap_or(open.min(MOST_TASKS) as u32);
     make_folder(&sweep.folder.logs())?;
     let script = sweep.folder.path().join(SCRIPT);
-    // Decodes the names of files within it.
+    // Decodes the file names in it.
     let text = path_of(&text(arguments, &sweep, tasks)?);
     headtail_render::file::replace(&script, text.as_os_str().as_encoded_bytes())?;
     if arguments.dry_run {
@@ -69,7 +71,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let output = output.context("sbatch: Slurm's client is not to be found on this machine")?;
     ensure!(output.status.success(), "sbatch: {}", String::from_utf8_lossy(&output.stderr).trim());
     let answer = String::from_utf8_lossy(&output.stdout);
-    // On a federation, the number is followed by the cluster's name.
+    // On a federation, the cluster's name follows the number.
     let job = answer.trim().split(';').next().unwrap_or_default().to_owned();
     let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(SENT))?;
     list.write_all((serde_json::to_string(&Sent { job: job.clone(), tasks })? + "\n").as_bytes())?;
@@ -77,7 +79,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// The job's script, a text in which paths keep every byte (see [`headtail_render::path_text`]).
+/// Returns the job's script, a text in which paths keep every byte (see [`headtail_render::path_text`]).
 fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     let absolute = |path: &Path| -> Result<String> {
         let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
@@ -87,7 +89,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     let program = std::env::current_exe().context("the program's own file")?;
     let limit = arguments.at_once.map_or(String::new(), |at_once| format!("%{at_once}"));
     let name = text_of(Path::new(arguments.place.space.file_stem().unwrap_or_default()));
-    // In the names of logs, numbers of Slurm's begin with a percent sign.
+    // In names of logs, Slurm's numbers begin with a percent sign.
     let log = format!("{}/slurm-%A_%a.log", absolute(&sweep.folder.logs())?.replace('%', "%%"));
     let mut text = String::from("#!/bin/bash\n");
     let own = [
@@ -95,7 +97,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
         format!("--array=0-{}{limit}", tasks - 1),
         "--requeue".into(),
         "--open-mode=append".into(),
-        // Two minutes before the time is up, and to the program itself: it takes the shell's place.
+        // Two minutes before the time limit, and to the program itself, which replaces the shell.
         "--signal=B:USR1@120".into(),
         format!("--output={}", quoted(&log)),
     ];
@@ -104,7 +106,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(str::trim);
     let given =
         lines.chain(arguments.sbatch.iter().map(String::as_str)).map(|line| text_of(Path::new(line)).into_owned());
-    // Of an option that is given twice, the last one counts.
+    // If an option is given twice, the last one counts.
     for option in own.into_iter().chain(given) {
         ensure!(!option.contains('\n'), "--sbatch: an option is one line");
         text += &format!("#SBATCH {option}\n");
@@ -121,13 +123,14 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     Ok(text)
 }
 
-/// A word for the shell.
+/// Quotes a word for the shell.
 pub fn quoted(text: &str) -> String {
     let plain = text.chars().all(|c| c.is_ascii_alphanumeric() || "-_./:,=+%".contains(c));
     if plain && !text.is_empty() { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
-/// The job that this process is, `JOB_TASK`: the number of an array's last task alone would stand for the whole array.
+/// Returns the job of this process, `JOB_TASK`: the number of an array's last task alone would mean the whole
+/// array.
 fn own_job() -> Option<String> {
     let of = |name| std::env::var(name).ok();
     of("SLURM_ARRAY_JOB_ID")
@@ -136,8 +139,9 @@ fn own_job() -> Option<String> {
         .or_else(|| of("SLURM_JOB_ID"))
 }
 
-/// Whether Slurm has ended this job, as it does for `scancel`. It would still queue the job again, against the will of who cancelled it. The
-/// signal before the end of a job's time comes while it runs, and is no such end, however long the last checkpoint takes.
+/// Whether Slurm has ended this job, as by `scancel`: requeuing would then act against the user. The signal
+/// before the time limit is not such an end: it arrives while the job runs, however long the last checkpoint
+/// takes.
 fn is_cancelled(job: &str) -> bool {
     const ENDS: [&str; 2] = ["COMPLETING", "CANCELLED"];
     let output = Command::new("squeue").args(["--noheader", "--jobs", job, "--format", "%T"]).output();
@@ -146,7 +150,7 @@ fn is_cancelled(job: &str) -> bool {
 }
 
 fn queue_again(job: &str) {
-    // Said before, because Slurm ends the job when it takes it back.
+    // Before the request, because Slurm ends the job when it requeues it.
     note!("job {job} asks to be queued again");
     match Command::new("scontrol").args(["requeue", job]).output() {
         Ok(output) if output.status.success() => {}
@@ -157,7 +161,7 @@ fn queue_again(job: &str) {
     }
 }
 
-/// A task of the array: a worker that asks to be queued again when it is told to stop.
+/// Runs a task of the array: a worker that asks to be requeued when it is told to stop.
 pub fn task(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result<()> {
     progress::stop_at_user_signal()?;
     let ended = worker::work(sweep, manner, stop);

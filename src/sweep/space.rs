@@ -1,4 +1,4 @@
-//! The space of a sweep: fixed settings, axes, how they are searched, and what is wanted.
+//! The space of a sweep: fixed settings, axes, search method and objectives.
 
 use std::{collections::BTreeMap, fmt, path::Path};
 
@@ -9,23 +9,23 @@ use toml::{Table, Value};
 use super::axis::{Axis, axes_of};
 use crate::run::one_line;
 
-/// Values by dotted keys of a run: what a trial sets over the fixed settings.
+/// Values by dotted keys of a run, which a trial sets over the fixed settings.
 pub type Assignment = BTreeMap<String, Value>;
 
-/// A space, as its file describes it.
+/// A space, as described by its file.
 #[derive(Clone, Debug)]
 pub struct Space {
-    /// What is wanted, all to be small; the first one decides where one number must.
+    /// Objectives, all to be minimised; the first one decides where a single number is needed.
     pub objectives: Vec<Objective>,
-    /// Settings that all trials share.
+    /// Settings common to all trials.
     pub run: Table,
-    /// What varies, in the order of the keys.
+    /// Varied settings, in the order of the keys.
     pub axes: Vec<Axis>,
-    /// How the axes are searched.
+    /// Search method.
     pub search: Search,
-    /// Early stopping of trials that are behind.
+    /// Early stopping of poor trials.
     pub halving: Option<Halving>,
-    /// Over which axes a configuration is judged.
+    /// Axes over which a configuration is aggregated.
     pub aggregate: Aggregate,
 }
 
@@ -50,12 +50,12 @@ pub struct Objective(String);
 impl Objective {
     const PLAIN: [&str; 6] = ["relative_variance", "kl", "ns_per_sample", "weights", "bytes", "training_seconds"];
 
-    /// The name, that of the figure in `measures.json`.
+    /// Returns the name, that of the figure in `measures.json`.
     pub fn name(&self) -> &str {
         &self.0
     }
 
-    /// Whether validation gives it: it is then known after any step.
+    /// Whether it is a validation figure, which is known after any step.
     pub fn is_of_validation(&self) -> bool {
         ["relative_variance", "kl"].contains(&self.name())
     }
@@ -89,11 +89,11 @@ impl fmt::Display for Objective {
     }
 }
 
-/// How the axes are searched.
+/// Search over the axes.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Search {
-    /// By which method.
+    /// Method.
     pub method: Method,
     /// Configurations of `random` and `tpe`.
     pub n: usize,
@@ -107,17 +107,17 @@ impl Default for Search {
     }
 }
 
-/// How configurations come about.
+/// How configurations are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
     /// Every combination.
     Product,
-    /// The first values of all axes, the second ones, and so on.
+    /// The first values of all axes, then the second ones, and so on.
     Zip,
     /// Independent draws.
     Random,
-    /// Tree-structured Parzen estimators (Bergstra et al. 2011), one for each axis.
+    /// Tree-structured Parzen estimators (Bergstra et al. 2011), one per axis.
     Tpe,
 }
 
@@ -127,7 +127,7 @@ pub enum Method {
 pub struct Halving {
     /// Steps after which configurations are compared; the last is the length of a whole run.
     pub rungs: Vec<usize>,
-    /// One of this many goes on.
+    /// One of this many is promoted.
     #[serde(default = "Halving::one_of_three")]
     pub keep: usize,
 }
@@ -137,37 +137,37 @@ impl Halving {
         3
     }
 
-    /// The steps of a whole run.
+    /// Returns the steps of a whole run.
     pub fn last(&self) -> usize {
         self.rungs.last().copied().unwrap_or(0)
     }
 }
 
-/// How a configuration is judged by its trials.
+/// Aggregation of the trials of a configuration.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Aggregate {
-    /// Axes that every configuration goes through: seeds, maps.
+    /// Axes that every configuration covers, such as seeds and maps.
     pub over: Vec<String>,
-    /// What is made of their figures.
+    /// Aggregation of their figures.
     pub by: By,
 }
 
-/// One number from several.
+/// Aggregation of several numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum By {
-    /// Arithmetic.
+    /// Arithmetic mean.
     Mean,
-    /// Of figures of different sizes, as those of different maps.
+    /// Geometric mean, for figures of different magnitudes, such as those of different maps.
     #[default]
     GeometricMean,
-    /// The largest.
+    /// Largest.
     Worst,
 }
 
 impl By {
-    /// The one number; NaN of none.
+    /// Returns the aggregate; NaN without values.
     pub fn of(self, values: &[f64]) -> f64 {
         let count = values.len() as f64;
         match self {
@@ -179,19 +179,19 @@ impl By {
 }
 
 impl Space {
-    /// Reads a file.
+    /// Reads a space from a file.
     ///
     /// # Errors
-    /// One sentence that names the file and the key.
+    /// If the file is invalid; the error names the file and the key.
     pub fn open(path: &Path) -> Result<Self> {
         let text = headtail_render::file::read_text(path).with_context(|| path.display().to_string())?;
         Self::parse(&text).with_context(|| path.display().to_string())
     }
 
-    /// Reads the text of a file.
+    /// Parses the text of a file.
     ///
     /// # Errors
-    /// One sentence that names the key.
+    /// If the text is invalid; the error names the key.
     pub fn parse(text: &str) -> Result<Self> {
         let File { objectives, mut run, axes, search, halving, aggregate } =
             toml::from_str(text).map_err(|error| anyhow!("{}", one_line(&error)))?;
@@ -227,27 +227,27 @@ impl Space {
         if objectives.iter().any(|objective| objective.name() == "ns_per_sample") {
             set(&mut run, "measure.time", Value::Boolean(true))?;
         }
-        // The same settings give the same bytes.
+        // Equal settings give equal bytes.
         set(&mut run, "export.reproducible", Value::Boolean(true))?;
         let space = Self { objectives, run, axes, search, halving, aggregate };
         space.check_views()?;
         Ok(space)
     }
 
-    /// Axes that a configuration is made of.
+    /// Returns the axes of which configurations are made.
     pub fn searched(&self) -> impl Iterator<Item = &Axis> {
         self.axes.iter().filter(|axis| !self.aggregate.over.contains(&axis.key))
     }
 
-    /// Axes that every configuration goes through.
+    /// Returns the axes that every configuration covers.
     pub fn replicated(&self) -> impl Iterator<Item = &Axis> {
         self.axes.iter().filter(|axis| self.aggregate.over.contains(&axis.key))
     }
 
-    /// The table of a run with the values of an assignment.
+    /// Returns the table of a run with the values of an assignment.
     ///
     /// # Errors
-    /// If a key leads through a value that is no table.
+    /// If a key leads through a value that is not a table.
     pub fn table(&self, assignment: &Assignment) -> Result<Table> {
         let mut table = self.run.clone();
         for (key, value) in assignment {
@@ -256,9 +256,9 @@ impl Space {
         Ok(table)
     }
 
-    /// The assignment without the axes whose condition does not hold.
+    /// Returns the assignment without the axes whose condition does not hold.
     pub fn active(&self, mut assignment: Assignment) -> Assignment {
-        // An axis that is dropped can drop others; no chain is longer than the number of axes.
+        // Dropping an axis can drop others; no chain is longer than the number of axes.
         for _ in 0..self.axes.len() {
             let holds = |key: &str, value: &Value| {
                 let found = assignment.get(key).or_else(|| get(&self.run, key));
@@ -300,7 +300,7 @@ impl Space {
     }
 }
 
-/// The value at a dotted key.
+/// Returns the value at a dotted key.
 pub fn get<'a>(table: &'a Table, key: &str) -> Option<&'a Value> {
     match key.split_once('.') {
         Some((first, rest)) => get(table.get(first)?.as_table()?, rest),
@@ -334,7 +334,7 @@ mod tests {
     const SMALL: &str = "objectives = ['relative_variance']\n[run]\nenv = 'studio'\n";
 
     #[test]
-    fn mistakes_are_named() {
+    fn errors_name_the_wrong_key_or_value() {
         for (text, named) in [
             ("objectives = ['speed']\n[run]\n[axes]\n", "'speed' is no objective"),
             ("objectives = []\n[run]\n[axes]\n", "at least one"),
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_of_conditions_drops_what_does_not_apply() {
+    fn chains_of_conditions_drop_inapplicable_axes() {
         let text = format!(
             "{SMALL}[axes]\na = [1, 2]\nb = {{ values = [1], when = {{ a = 2 }} }}\nc = {{ values = [1], when = {{ b = [1, 7] }} }}\n"
         );
@@ -364,9 +364,9 @@ mod tests {
         assert_eq!(keys(2), ["a", "b", "c"]);
     }
 
-    /// As the readers in `tests/fuzz`: `HEADTAIL_FUZZ_INPUTS` sets how many there are.
+    /// Like the readers in `tests/fuzz`; `HEADTAIL_FUZZ_INPUTS` sets the number of inputs.
     #[test]
-    fn spaces_that_are_almost_right_are_taken_or_refused() {
+    fn nearly_valid_spaces_are_accepted_or_rejected() {
         let rest = "[axes]\nlearning_rate = { log = [0.001, 0.1], points = 3 }\nseed = [1, 2]\n\
                     'head.bins' = [8, 16]\nb = { values = [0.5], when = { 'head.bins' = 16 } }\n[aggregate]\nover = ['seed']\nby = 'worst'\n\
                     [search]\nmethod = 'random'\nn = 4\nseed = 7\n[halving]\nrungs = [3, 9]\n";
@@ -376,12 +376,12 @@ mod tests {
         let texts = (first..first + inputs)
             .filter_map(|input| String::from_utf8(super::mutation::Mutation::new(0x5eed, input).of(&corpus)).ok());
         let (taken, refused): (Vec<String>, Vec<String>) = texts.partition(|text| Space::parse(text).is_ok());
-        // Neither is a test of nothing.
+        // Both outcomes must occur.
         assert!(taken.len() > 10 && refused.len() > 10, "{} taken, {} refused", taken.len(), refused.len());
     }
 
     #[test]
-    fn one_number_from_several() {
+    fn aggregates_of_several_numbers() {
         assert_eq!(By::Mean.of(&[1.0, 3.0]), 2.0);
         assert!((By::GeometricMean.of(&[1.0, 4.0]) - 2.0).abs() < 1e-12);
         assert_eq!(By::Worst.of(&[1.0, 3.0, 2.0]), 3.0);

@@ -1,4 +1,4 @@
-//! How far a sweep is, by its folder, and by Slurm where it was sent there.
+//! Status of a sweep, from its folder, and from Slurm if it was submitted there.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -15,20 +15,20 @@ use super::{
 use crate::report::number::duration;
 use crate::terminal::out;
 
-/// Where a trial is.
+/// State of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum State {
     /// Complete.
     Done,
-    /// A worker is at it.
+    /// A worker holds it.
     Running,
-    /// At a rung, and may go on.
+    /// At a rung, and may be promoted.
     Paused,
-    /// Stopped or killed; it goes on from its last checkpoint.
+    /// Stopped or killed; it resumes from its last checkpoint.
     Stopped,
     /// Ended with an error.
     Failed,
-    /// Not begun.
+    /// Not started.
     Waiting,
 }
 
@@ -46,14 +46,14 @@ impl fmt::Display for State {
 }
 
 impl Serialize for State {
-    /// The word that it is shown as.
+    /// Serializes the displayed word.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(self)
     }
 }
 
 impl State {
-    /// The state of a trial of which this is known.
+    /// Returns the state of a trial.
     pub fn of(sweep: &Sweep, id: &str) -> Self {
         let Some(record) = sweep.ledger.record(id) else { return Self::Waiting };
         if record.done.is_some() {
@@ -70,7 +70,7 @@ impl State {
     }
 }
 
-/// How many trials are in which state.
+/// Returns the number of trials per state.
 pub fn counts(sweep: &Sweep) -> BTreeMap<State, usize> {
     let mut counts = BTreeMap::new();
     let states = sweep.plan.trials.iter().map(|trial| State::of(sweep, &trial.id));
@@ -78,24 +78,24 @@ pub fn counts(sweep: &Sweep) -> BTreeMap<State, usize> {
     counts
 }
 
-/// The same in words.
+/// Formats [`counts`].
 pub fn words(counts: &BTreeMap<State, usize>) -> String {
     let words: Vec<String> = counts.iter().map(|(state, count)| format!("{count} {state}")).collect();
     words.join(", ")
 }
 
-/// How far a sweep is.
+/// Status of a sweep.
 #[derive(Debug, Serialize)]
 pub struct Status {
-    /// Planned so far.
+    /// Number of trials planned so far.
     trials: usize,
-    /// By state.
+    /// Number of trials by state.
     states: BTreeMap<State, usize>,
-    /// Of all work that came to an end in order.
+    /// Seconds of work that ended regularly.
     work_seconds: f64,
     /// Trials that failed.
     failures: Vec<Failure>,
-    /// What Slurm says, where the sweep was sent there.
+    /// Slurm's answers, if the sweep was submitted there.
     slurm: Option<Queue>,
 }
 
@@ -108,7 +108,7 @@ struct Failure {
 }
 
 impl Status {
-    /// As the folder has it, and Slurm.
+    /// Reads the status from the folder and from Slurm.
     ///
     /// # Errors
     /// As [`Queue::ask`].
@@ -132,7 +132,7 @@ impl Status {
         })
     }
 
-    /// Prints counts, then failures, then what Slurm says.
+    /// Prints counts, then failures, then Slurm's answers.
     pub fn print(&self) {
         let Self { trials, states, work_seconds, failures, slurm } = self;
         out!("{trials} trials: {}; {} of work", words(states), duration(*work_seconds));

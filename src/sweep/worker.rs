@@ -1,4 +1,4 @@
-//! A worker: takes one trial after the other until none is left, and writes down what came of each.
+//! A worker: performs one trial after another until none is left, and records the results.
 
 use std::{
     io::{Read, Write},
@@ -36,33 +36,35 @@ pub struct Tick {
     pub step: usize,
     /// Steps of the whole run.
     pub steps: usize,
-    /// Relative variance, where it was just measured.
+    /// Relative variance, if it was just measured.
     pub variance: Option<f64>,
 }
 
 /// Time between two lines of progress.
 const TICK: Duration = Duration::from_millis(200);
-/// Time between two looks for work that others may leave.
+/// Time between two checks for work that other workers may leave.
 const WAIT: Duration = Duration::from_millis(250);
 
-/// So long a worker waits for trials that others hold: workers whose parent was killed let go of theirs within moments.
+/// Time that a worker waits for trials that others hold: workers whose parent was killed release theirs
+/// within moments.
 const GRACE: Duration = Duration::from_secs(10);
 
-/// How a worker works.
+/// Settings of a worker.
 #[derive(Clone, Copy, Debug)]
 pub struct Manner {
     /// Steps between checkpoints.
     pub every: usize,
     /// Whether progress is written to standard output.
     pub ticks: bool,
-    /// Whether the end of standard input means that whoever started the worker is gone.
+    /// Whether the end of standard input means that the parent process is gone.
     pub watch_input: bool,
 }
 
-/// Works until nothing is left to do, or until it is told to stop.
+/// Works until no work is left, or until it is told to stop.
 ///
 /// # Errors
-/// [`Interrupted`] after a signal; otherwise only what keeps it from working at all: the error of a trial is written into the journal.
+/// [`Interrupted`] after a signal; otherwise only errors that prevent all work: the error of a trial is
+/// recorded in the journal.
 pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result<()> {
     if manner.watch_input {
         stop_at_end_of_input(stop.clone());
@@ -81,7 +83,7 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         } else if open.is_empty()
             || sweep.space.halving.is_none() && idle.get_or_insert_with(Instant::now).elapsed() > GRACE
         {
-            // What others are at is theirs; with halving, what they find can make new work.
+            // Trials held by others are theirs; with halving, their results can make new work.
             break;
         } else {
             std::thread::sleep(WAIT);
@@ -93,7 +95,7 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
     Ok(())
 }
 
-/// The first job that nobody else has, and that is still open once it is ours.
+/// Takes the first job that no other worker holds, and that is still open once it is locked.
 fn take(sweep: &mut Sweep, open: &[Job]) -> Result<Option<(Job, Lock)>> {
     for job in open {
         let id = &sweep.plan.trials[job.trial].id;
@@ -106,7 +108,7 @@ fn take(sweep: &mut Sweep, open: &[Job]) -> Result<Option<(Job, Lock)>> {
     Ok(None)
 }
 
-/// Makes the next configuration, unless another worker is at it.
+/// Makes the next configuration, unless another worker does.
 fn suggest(sweep: &mut Sweep, journal: &mut Journal) -> Result<()> {
     let Some(_lock) = sweep.folder.lock_search()? else {
         std::thread::sleep(WAIT);
@@ -128,7 +130,7 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
     let start = Instant::now();
     let folder = sweep.folder.trial(&trial.id);
     let checkpoints = folder.join("checkpoints");
-    // Before anything that could end the process.
+    // Recorded before anything that could end the process.
     let begun = last_checkpoint(&checkpoints);
     journal.add(Event::Started { trial: trial.id.clone(), step: begun })?;
     let outcome = {
@@ -175,14 +177,14 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
     journal.add(event)
 }
 
-/// The step of the last checkpoint in a folder; 0 without one.
+/// Returns the step of the last checkpoint in a folder; 0 without one.
 fn last_checkpoint(folder: &Path) -> usize {
     let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
     let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     names.filter_map(|name| name.strip_prefix("step-")?.parse().ok()).max().unwrap_or(0)
 }
 
-/// Tells whoever started the worker how far it is; nobody may be listening.
+/// Reports progress to the parent process, which may be gone.
 fn tick(trial: &str, progress: &Progress) {
     let tick = Tick {
         trial: trial.to_owned(),
@@ -194,8 +196,8 @@ fn tick(trial: &str, progress: &Progress) {
     let _ = std::io::stdout().write_all(line.as_bytes());
 }
 
-/// Sets the stop flag when standard input ends: it is a pipe from the process that started the worker, which the system closes when that one
-/// is killed.
+/// Sets the stop flag when standard input ends: it is a pipe from the parent process, which the system closes
+/// when that process is killed.
 fn stop_at_end_of_input(stop: Arc<AtomicBool>) {
     std::thread::spawn(move || {
         let mut input = std::io::stdin();

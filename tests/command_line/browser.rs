@@ -1,7 +1,7 @@
-//! The pages in a real browser: the slider moves, the charts show, nothing is reported to the console, pages fit narrow screens, and
-//! paper cuts no figure in two.
+//! The pages in a real browser: the slider moves, charts are visible, the console is empty, pages fit narrow
+//! screens, and no figure is split when printed.
 //!
-//! Needs `chromium`; says so where there is none. A browser that the variable HEADTAIL_CHROMIUM names must be there.
+//! Needs `chromium`; reports a skip without it. The browser in the variable HEADTAIL_CHROMIUM must exist.
 
 use std::{
     fs,
@@ -11,14 +11,14 @@ use std::{
 
 use super::{SMALL, folder, print::whole_figures, succeed, text};
 
-/// Uses the page as a reader would, and writes what came of it into the body's `data-probe`.
+/// Operates the page as a reader would, and writes the results into the body's `data-probe`.
 const PROBE: &str = include_str!("probe.js");
 
-/// Looks at a page in a frame of some width.
+/// Inspects a page in a frame of given width.
 const NARROW: &str = include_str!("narrow.js");
 
-/// What the probe wrote; panics if the page wrote to the console. The page also has to fit the screen of a telephone, and sheets of
-/// paper.
+/// Returns the probe's results. Panics if the page writes to the console, does not fit a telephone's screen,
+/// or splits a figure when printed.
 fn probe(browser: &str, page: &Path, dark: bool) -> String {
     let html = fs::read_to_string(page).unwrap();
     let copy = page.with_extension("probe.html");
@@ -33,7 +33,7 @@ fn probe(browser: &str, page: &Path, dark: bool) -> String {
     open(browser, &copy, dark)
 }
 
-/// A page that shows another one in a frame, since windows cannot be as narrow as that.
+/// Wraps a page in a frame, since browser windows have a larger minimum width.
 fn framed(page: &Path, width: u32) -> PathBuf {
     let (name, file) = (page.file_name().unwrap().to_str().unwrap(), page.with_extension("narrow.html"));
     let frame = format!("<iframe src=\"{name}\" style=\"width: {width}px; height: 2000px; border: 0\"></iframe>");
@@ -41,7 +41,7 @@ fn framed(page: &Path, width: u32) -> PathBuf {
     file
 }
 
-/// Opens a page that writes into its body's `data-probe`, and takes that.
+/// Opens a page that writes into its body's `data-probe`, and returns that.
 fn open(browser: &str, page: &Path, dark: bool) -> String {
     let profile = folder();
     let mut command = Command::new(browser);
@@ -55,7 +55,7 @@ fn open(browser: &str, page: &Path, dark: bool) -> String {
     if dark {
         command.arg("--force-dark-mode");
     }
-    // A page may look into the frame that it shows.
+    // Allows the page to access its frame.
     command.arg("--allow-file-access-from-files");
     command.arg(format!("--user-data-dir={}", profile.path().display()));
     let output = command.args(["--window-size=1400,3000", "--dump-dom"]).arg(page).output().unwrap();
@@ -77,7 +77,7 @@ fn pages_work_in_a_browser() {
     }
     let here = folder();
     let path = here.path();
-    // Names of samplers are as long as paths are.
+    // Sampler names can be as long as paths.
     let table = "tables-of-the-studio-in-the-second-week/sixteen-normals-and-sixteen-cells-a-side/direct.safetensors";
     fs::create_dir_all(path.join(table).parent().unwrap()).unwrap();
     succeed(path, &format!("bake --direct --env studio --normals 4x6 --cells 4x4 --out {table}"));
@@ -101,7 +101,7 @@ fn pages_work_in_a_browser() {
     for dark in [false, true] {
         assert_eq!(probe(&browser, &path.join("suite/stability.html"), dark), "charts=1 images=true");
     }
-    // The checks of everything make the whole page beforehand, and say where it is.
+    // The script that runs every check builds the whole page first and passes its path.
     let page = std::env::var_os("HEADTAIL_PAPER").map(std::path::PathBuf::from);
     let copy = path.join("paper.html");
     match &page {
@@ -112,7 +112,7 @@ fn pages_work_in_a_browser() {
         }
     }
     for dark in [false, true] {
-        // Eight views with two charts each, a wide and a narrow form of which one is shown, and what tails make of the square.
+        // Eight views with two charts each (one of two forms visible), and the mappings of tails.
         let charts = if page.is_some() { 17 } else { 0 };
         assert_eq!(probe(&browser, &copy, dark), format!("charts={charts} images=true"));
     }

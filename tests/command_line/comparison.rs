@@ -1,4 +1,4 @@
-//! What a comparison writes.
+//! The outputs of `compare`.
 
 use std::fs;
 
@@ -35,7 +35,7 @@ fn compare_writes_the_table_the_page_and_the_images() {
             for column in 5..14 {
                 let value = |row: usize| group[row][column].parse::<f64>().unwrap();
                 assert!(value(0) > 0.0 && value(0).is_finite());
-                // The mean row holds the largest of the largest weights, and means of all else.
+                // The mean row has the maximum of the largest weights, and means of all other columns.
                 let expected = if column == 13 { value(0).max(value(1)) } else { 0.5 * (value(0) + value(1)) };
                 assert!((value(2) / expected - 1.0).abs() < 1e-9, "{sampler} {budget} column {column}: {group:?}");
             }
@@ -50,11 +50,11 @@ fn compare_writes_the_table_the_page_and_the_images() {
     let errors = picture(&path.join("results/mis_2spp_error.exr"));
     assert!(mean(&errors) > 0.0 && errors.pixels.len() == 24 * 18);
 
-    // A reference that was rendered before is taken, and one of another size is refused.
+    // An existing reference is reused; one of another size is rejected.
     let again = format!("{view} --samplers mis --spp 2 --runs 1 --reference results/reference.exr --out again");
     succeed(path, &again);
 
-    // One that is in the cache is not rendered again: the same rows come of it, but for the seconds.
+    // A cached reference is not rendered again and yields the same rows except for the seconds.
     let cached = format!("{view} --samplers mis --spp 2 --runs 1 --reference-cache cache --out");
     succeed(path, &format!("{cached} first"));
     succeed(path, &format!("{cached} second"));

@@ -1,4 +1,4 @@
-//! `view`, `composite` and `paper` from outside.
+//! `view`, `composite` and `paper` as command lines.
 
 use std::{collections::HashMap, fs, path::Path};
 
@@ -13,7 +13,7 @@ use super::{fail, folder, is_png, names, picture, succeed, text};
 const VIEW: &str = "view --env window --width 60 --height 40 --out shot.exr";
 
 #[test]
-fn an_object_is_put_into_a_view_of_a_map() {
+fn composite_inserts_an_object_into_a_view_of_a_map() {
     let here = folder();
     let path = here.path();
     succeed(path, VIEW);
@@ -30,14 +30,14 @@ fn an_object_is_put_into_a_view_of_a_map() {
     assert!(is_png(&path.join("out/composite.png")) && is_png(&path.join("out/mask.png")));
     let (before, after) = (picture(&path.join("shot.exr")), picture(&path.join("out/composite.exr")));
     assert_eq!((after.width, after.height), (60, 40));
-    // The sky stays as it is, to the bit; the object does not.
+    // The sky is unchanged bit by bit; the object is not.
     assert_eq!(before.pixels[..60 * 8], after.pixels[..60 * 8]);
     assert!(before != after && after.pixels.as_flattened().iter().all(|value| value.is_finite()));
     assert_eq!(picture(&path.join("out/layers.exr")), after);
     assert_layers_make(&path.join("out/layers.exr"), &before, &after);
 }
 
-/// What a compositor makes of the layers of a file is the composite, over the photograph.
+/// Asserts that the layers of a file over the photograph yield the composite.
 fn assert_layers_make(file: &Path, photograph: &Image, composite: &Image) {
     let layer = read_first_flat_layer_from_file(file).unwrap();
     let channels = layer.layer_data.channel_data.list;
@@ -53,7 +53,7 @@ fn assert_layers_make(file: &Path, photograph: &Image, composite: &Image) {
             assert_eq!(behind[index], photograph.pixels[index][k]);
             let expected = object[index] + (1.0 - alpha) * (behind[index] * shadow[index] + light[index]);
             let found = composite.pixels[index][k];
-            // A few roundings of sums of the size of the terms.
+            // Allows a few roundings of sums of the terms' magnitude.
             assert!(
                 (found - expected).abs() <= 1e-6 * (1.0 + expected.abs()),
                 "{letter} {index}: {found}, not {expected}"
@@ -63,7 +63,7 @@ fn assert_layers_make(file: &Path, photograph: &Image, composite: &Image) {
 }
 
 #[test]
-fn the_projects_own_picture_and_a_preview_do() {
+fn composites_of_project_pictures_and_previews_are_written() {
     let here = folder();
     let path = here.path();
     succeed(path, "view --env studio --width 800 --height 400 --out shot.exr");
@@ -73,16 +73,16 @@ fn the_projects_own_picture_and_a_preview_do() {
     );
     let image = picture(&path.join("out/composite.exr"));
     assert_eq!((image.width, image.height), (200, 100));
-    // A photograph of sRGB codes keeps them where nothing falls on it.
+    // An sRGB photograph keeps its codes where no shadow falls.
     let png = Photograph::decode(&fs::read(path.join("out/composite.png")).unwrap()).unwrap().image;
     for (code, value) in png.pixels[..400].as_flattened().iter().zip(image.pixels[..400].as_flattened()) {
         assert!((code - value).abs() < 0.01, "{code} {value}");
     }
 }
 
-/// The light that a PNG of a view is composited under is that of the map: the gain undoes its exposure.
+/// The gain undoes the exposure of a PNG view, so that it is lit like the map.
 #[test]
-fn a_photograph_of_codes_is_lit_as_one_of_radiance() {
+fn srgb_photographs_are_lit_like_radiance() {
     let here = folder();
     let path = here.path();
     succeed(path, VIEW);
@@ -99,12 +99,12 @@ fn a_photograph_of_codes_is_lit_as_one_of_radiance() {
         sum(&image) / sum(&photo)
     };
     let (exact, coded) = (composite("shot.exr", "a"), composite("shot.png", "b"));
-    // 8-bit codes are within half a percent; what is clipped is left out of the gain, but not of the sums.
+    // 8-bit codes are accurate to 0.5 %; clipped values are excluded from the gain, but not from the sums.
     assert!((exact / coded - 1.0).abs() < 0.1, "{exact} {coded}");
 }
 
 #[test]
-fn a_scene_brings_its_own_catcher() {
+fn catchers_are_selected_by_node_name() {
     let here = folder();
     let path = here.path();
     succeed(path, VIEW);
@@ -130,7 +130,7 @@ fn a_scene_brings_its_own_catcher() {
 }
 
 #[test]
-fn bad_projects_and_pictures_are_refused_with_a_sentence() {
+fn invalid_projects_and_pictures_are_rejected() {
     let here = folder();
     let path = here.path();
     succeed(path, VIEW);
@@ -158,7 +158,7 @@ fn bad_projects_and_pictures_are_refused_with_a_sentence() {
 }
 
 #[test]
-fn what_cannot_be_composited_says_why() {
+fn impossible_composites_are_rejected_with_a_reason() {
     let here = folder();
     let path = here.path();
     succeed(path, VIEW);
@@ -181,7 +181,7 @@ fn what_cannot_be_composited_says_why() {
     );
 }
 
-/// Figures as data, and nothing else on standard output.
+/// JSON output prints only data on standard output.
 #[test]
 fn composite_prints_json() {
     let here = folder();
@@ -198,7 +198,7 @@ fn composite_prints_json() {
 }
 
 #[test]
-fn the_paper_is_made_section_by_section() {
+fn paper_sections_are_made_separately() {
     let here = folder();
     let path = here.path();
     let part = "out/sections/example--image-and-Gaussian.json";
@@ -207,7 +207,7 @@ fn the_paper_is_made_section_by_section() {
     let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
     assert!(page.contains("near-perfect fit") && page.contains("not made yet"), "{}", page.len());
     assert!(!page.contains("http:") && !page.contains("https:"));
-    // What is there is kept, and its figures are printed; it is made anew when something else was asked for.
+    // Existing parts are kept and their figures printed; they are recomputed for another request.
     let kept = fs::read_to_string(path.join(part)).unwrap();
     fs::write(path.join(part), kept.replace("near-perfect", "Kept")).unwrap();
     let said = succeed(path, "paper --quick --only example --json --out out");
@@ -216,7 +216,7 @@ fn the_paper_is_made_section_by_section() {
     let (naive, ours) = (rows[2]["naive fit"].as_f64().unwrap(), rows[2]["our fit"].as_f64().unwrap());
     assert!(ours > 0.0 && ours < 0.5 * naive, "{rows}");
     assert!(fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
-    // Without the materials of a checkout their section says what it needs.
+    // Outside a checkout there are no materials, and the section lists the missing files.
     succeed(path, "paper --only neural --out out");
     let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
     assert!(page.contains("3 of 3 materials are not here") && !page.contains("Kept"));
@@ -228,15 +228,15 @@ fn the_paper_is_made_section_by_section() {
     assert!(fail(path, "paper --quick --data empty --out out").contains("no .hdr or .exr"));
 }
 
-/// A signal leaves the parts that were done, and the same command makes those that are missing, and no others.
+/// A signal keeps finished parts; the same command computes only the missing ones.
 #[cfg(target_os = "linux")]
 #[test]
-fn an_interrupted_paper_goes_on() {
+fn interrupted_papers_resume() {
     let here = folder();
     let path = here.path();
     let arguments = "paper --quick --only neural --only example --out out";
     let part = |name: &str| path.join("out/sections").join(name).with_extension("json");
-    // Sections are made in their order; the second is of no work here, and is put in the place of one that was done.
+    // Sections run in order; the second needs no work here and replaces a finished one.
     succeed(path, "paper --quick --only neural --out out");
     let (done, missing) = (part("neural--none"), part("example--image-and-Gaussian"));
     let kept = fs::read_to_string(&done).unwrap().replace("materials are not here", "Kept");
@@ -258,7 +258,7 @@ fn an_interrupted_paper_goes_on() {
     assert!(page.contains("near-perfect fit") && page.contains("Kept"));
     let figure = |extension: &str| path.join("out/figures/example-1").with_extension(extension);
     assert!(page.contains("href=\"figures/example-1.svg\""));
-    // What was finished is not made again; a figure that was lost is.
+    // Finished parts are not recomputed; a lost figure is rewritten.
     let made = fs::metadata(&missing).unwrap().modified().unwrap();
     fs::remove_file(figure("svg")).unwrap();
     succeed(path, arguments);

@@ -1,12 +1,13 @@
-//! The commands of the documentation run: every line of a block marked `sh` that starts with `headtail`, with small settings.
+//! Runs the commands of the documentation with small settings: every line that starts with `headtail` in a
+//! block marked `sh`.
 //!
-//! A block that is not to be run says why after its mark: `sh not run: needs a cluster`.
+//! Blocks that are not run state a reason: `sh not run: needs a cluster`.
 
 use std::{fs, path::Path};
 
 use super::{SMALL, folder, radiance_file, succeed};
 
-/// The pages, from the root of the repository.
+/// The pages relative to the root of the repository.
 fn pages() -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut pages: Vec<String> = fs::read_dir(root.join("docs"))
@@ -19,7 +20,8 @@ fn pages() -> Vec<String> {
     pages
 }
 
-/// The commands of a page, each on one line and without comments; and how many blocks are not to be run.
+/// Returns the commands of a page, each on one line without comments, and the number of blocks that are not
+/// run.
 fn commands(page: &str) -> (Vec<String>, usize) {
     let (mut found, mut left_out, mut is_inside, mut command) = (Vec::new(), 0, false, String::new());
     for line in page.lines() {
@@ -46,7 +48,7 @@ fn commands(page: &str) -> (Vec<String>, usize) {
     (found, left_out)
 }
 
-/// The same command with small pictures and short training.
+/// Adds options for small pictures and short training.
 fn small(command: &str) -> String {
     let mut words: Vec<String> = command.split_whitespace().map(str::to_owned).collect();
     for (option, value) in
@@ -138,14 +140,14 @@ fn commands_of_the_documentation_run() {
 }
 
 #[test]
-fn lines_that_go_on_are_one_command_and_comments_are_none() {
+fn continued_lines_are_joined_and_comments_removed() {
     let page = "```sh\n# a\nheadtail x \\\n    --y  # b\ncargo z\n```\n```toml\nheadtail = 1\n```\n```sh not run: needs a cluster\nheadtail w\n```\n";
     assert_eq!(commands(page), (vec!["x --y".to_owned()], 1));
 }
 
-/// Behind a file of tests, in quotation marks, stand its tests.
+/// In the table, a file's tests follow its name, all in backticks.
 #[test]
-fn tests_that_the_table_names_are_there() {
+fn tests_named_in_the_table_exist() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let page = fs::read_to_string(root.join("docs/robustness.md")).unwrap();
     let (mut file, mut count) = (None, 0);

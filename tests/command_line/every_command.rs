@@ -1,5 +1,5 @@
-//! What holds for every command: a reader that goes away, an output that cannot be written, inputs without end, a second writer, long work that
-//! says so. A new command that is in none of the lists makes these tests fail.
+//! Properties of every command: closed readers, unwritable outputs, endless inputs, second writers, announced
+//! long work. A new command that is in none of the lists fails these tests.
 
 use std::{
     collections::BTreeSet,
@@ -12,7 +12,7 @@ use std::{
 
 use super::{SMALL, command, folder, headtail, lost_work::refused, succeed, text};
 
-/// The commands that the help lists.
+/// The commands in the help.
 fn commands() -> BTreeSet<String> {
     let here = folder();
     let help = text(&headtail(here.path(), "--help").stdout);
@@ -21,12 +21,12 @@ fn commands() -> BTreeSet<String> {
     names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
 }
 
-/// The first words of some commands.
+/// The first word of each command.
 fn first_words<'a>(commands: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
     commands.map(|command| command.split(' ').next().unwrap_or_default().to_owned()).collect()
 }
 
-/// Runs a command whose standard output nobody reads: the reading end is closed before the program starts.
+/// Runs a command whose standard output is closed before the program starts.
 fn unread(folder: &Path, arguments: &str) -> Output {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
@@ -34,13 +34,13 @@ fn unread(folder: &Path, arguments: &str) -> Output {
     child.wait_with_output().unwrap()
 }
 
-/// A space of one short trial.
+/// A sweep space with one short trial.
 const SPACE: &str = "objectives = ['relative_variance']\n[run]\nenv = 'overcast'\nmaterial = 'lambert'\nsteps = 2\nconditions = 4\n[axes.seed]\nvalues = [1]\n";
 
-/// A command, how its text becomes another command's with the same output, and its files.
+/// A command, the replacement that turns it into another command with the same output, and its files.
 type Writing<'a> = (String, (&'a str, &'a str), &'a [&'a str]);
 
-/// Every command that ends within seconds; each needs those before it.
+/// Commands that end within seconds; each needs those before it.
 fn writing<'a>() -> Vec<Writing<'a>> {
     let view = format!("--scene sphere --env overcast {SMALL}");
     let fit = "fit --env overcast --material lambert --steps 2";
@@ -72,7 +72,7 @@ fn writing<'a>() -> Vec<Writing<'a>> {
     ]
 }
 
-/// What the commands of [`writing`] read.
+/// Writes the inputs of the commands in [`writing`].
 fn write_inputs(folder: &Path) {
     fs::write(folder.join("space.toml"), SPACE).unwrap();
     let weights = |k: usize| ((k * 37) % 19) as f32 * 0.01 - 0.09;
@@ -81,7 +81,7 @@ fn write_inputs(folder: &Path) {
     fs::write(folder.join("raw.names.txt"), "a\nb\n").unwrap();
 }
 
-/// What somebody else made stays, whichever of the files it is.
+/// Asserts that foreign files are kept, whichever output they replace.
 fn files_of_others_stay(folder: &Path, arguments: &str, files: &[&str]) {
     for file in files.iter().map(|name| folder.join(name)) {
         fs::create_dir_all(file.parent().unwrap()).unwrap();
@@ -94,7 +94,7 @@ fn files_of_others_stay(folder: &Path, arguments: &str, files: &[&str]) {
 }
 
 #[test]
-fn a_reader_that_goes_away_loses_nothing_and_only_the_same_command_replaces() {
+fn closed_readers_lose_nothing_and_only_the_same_command_replaces() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
@@ -123,21 +123,21 @@ fn a_reader_that_goes_away_loses_nothing_and_only_the_same_command_replaces() {
         }
     }
     others.into_iter().for_each(without_reader);
-    // It takes minutes, and says nothing but by the words of others.
+    // `demo` takes minutes and only runs other commands.
     files_of_others_stay(path, "demo --out demo", &["demo/head.safetensors", "demo/report.html"]);
     let mut done = first_words(cases.iter().map(|(arguments, ..)| arguments.as_str()).chain(others));
     done.insert("demo".into());
     assert_eq!(done, commands());
-    // A reader that takes one line and goes.
+    // A reader that takes one line and closes.
     let script = format!("{} scenes | head -n 1", env!("CARGO_BIN_EXE_headtail"));
     let output = Command::new("bash").args(["-o", "pipefail", "-c", &script]).output().unwrap();
     assert!(output.status.success() && text(&output.stderr).is_empty(), "{}", text(&output.stderr));
 }
 
-/// Each would take minutes if its output were not looked at first, or fails at once.
+/// Each command would take minutes if its output were not checked first, or fails at once.
 #[test]
 #[cfg(target_os = "linux")]
-fn an_output_that_cannot_be_written_is_found_before_the_work() {
+fn unwritable_outputs_are_reported_before_the_work() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("file"), "in the way").unwrap();
@@ -193,7 +193,7 @@ fn an_output_that_cannot_be_written_is_found_before_the_work() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn inputs_without_end_are_refused() {
+fn endless_inputs_are_rejected() {
     let here = folder();
     let path = here.path();
     fs::create_dir(path.join("results")).unwrap();
@@ -232,7 +232,7 @@ fn inputs_without_end_are_refused() {
     }
 }
 
-/// A process that is ended with the test.
+/// A process that is killed at the end of the test.
 struct Running(Child);
 
 impl Drop for Running {
@@ -244,13 +244,13 @@ impl Drop for Running {
 
 fn start(folder: &Path, arguments: &str) -> Running {
     let mut process = command(folder, arguments);
-    // As a machine that needs minutes for what is to take minutes.
+    // One thread, so that long work takes minutes on any machine.
     process.env("RAYON_NUM_THREADS", "1");
     Running(process.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap())
 }
 
 #[test]
-fn a_second_writer_is_refused() {
+fn second_writers_are_rejected() {
     let here = folder();
     let path = here.path();
     let view = "--scene sphere --env overcast --width 64 --height 48";
@@ -279,9 +279,9 @@ fn a_second_writer_is_refused() {
     }
 }
 
-/// Work of minutes says before or within its first seconds how long it will take, on one thread.
+/// Long work announces its estimated time within its first seconds, on one thread.
 #[test]
-fn work_of_minutes_is_announced() {
+fn long_work_is_announced() {
     let here = folder();
     let path = here.path();
     fs::write(
@@ -308,7 +308,7 @@ fn work_of_minutes_is_announced() {
         "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
         "paper --out paper".into(),
     ];
-    // What is done within seconds, or takes the time that it is given; `demo` says in its help that it takes two minutes.
+    // Commands that take seconds or a given time; the help of `demo` states its two minutes.
     let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "material", "view"];
     let mut listed = first_words(cases.iter().map(String::as_str));
     listed.extend(short.map(str::to_owned));
@@ -323,7 +323,7 @@ fn work_of_minutes_is_announced() {
             if last.contains("will take about") || last.contains("to be made") && last.contains("about") {
                 break;
             }
-            // The first line about progress comes after ten seconds.
+            // The first progress line comes after ten seconds.
             assert!(!last.contains(" done, ") || !last.contains("left"), "{arguments}: {said:?}");
         }
         let announced =

@@ -1,4 +1,4 @@
-//! What is left of a command that is interrupted, killed, or cannot write.
+//! Results of commands that are interrupted, killed, or cannot write.
 
 use std::{
     fs,
@@ -12,7 +12,7 @@ use headtail_render::statistics::ErrorMetrics;
 
 use super::{SMALL, after_header, command, fail, folder, mean, names, picture, succeed, text};
 
-/// Starts the program with every signal as it is by default: a shell may have had some ignored.
+/// Starts the program with default signal handlers: shells can ignore some.
 fn start(folder: &Path, arguments: &str) -> Child {
     let mut command = Command::new("env");
     command.args(["--default-signal", env!("CARGO_BIN_EXE_headtail")]).args(arguments.split_whitespace());
@@ -23,7 +23,7 @@ fn signal(process: &Child, name: &str) {
     assert!(Command::new("kill").args([name, &process.id().to_string()]).status().unwrap().success());
 }
 
-/// The output of a process that is to end by itself now.
+/// Returns the output of a process that must end within a time.
 fn end(process: Child, within: Duration) -> Output {
     let start = Instant::now();
     let output = process.wait_with_output().unwrap();
@@ -31,7 +31,8 @@ fn end(process: Child, within: Duration) -> Output {
     output
 }
 
-/// (sampler, budget) of the runs in a table of results; none where there is no table yet. A broken table panics.
+/// Returns (sampler, budget) of the runs in a table of results; empty without a table. Panics if it is
+/// damaged.
 fn runs(results: &Path) -> Vec<(String, String)> {
     let Ok(bytes) = fs::read(results.join("results.csv")) else { return Vec::new() };
     let mut reader = csv::Reader::from_reader(bytes.as_slice());
@@ -48,7 +49,7 @@ fn wait_for_runs(results: &Path, count: usize) {
     }
 }
 
-/// Waits until the page of a comparison says something.
+/// Waits until the page of a comparison contains a text.
 fn wait_for_page(results: &Path, text: &str) {
     let start = Instant::now();
     while !fs::read_to_string(results.join("report.html")).is_ok_and(|page| page.contains(text)) {
@@ -59,14 +60,14 @@ fn wait_for_page(results: &Path, text: &str) {
 
 const COMPARE: &str = "compare --scene sphere --env overcast --reference-spp 4 --samplers mis,ris:2";
 
-/// Asserts that no sampler is ahead of another by more than one run.
+/// Asserts that numbers of runs differ by at most one between samplers.
 fn assert_fair(runs: &[(String, String)]) {
     let count = |sampler: &str| runs.iter().filter(|run| run.0 == sampler).count();
     assert!(count("mis") - count("ris:2") <= 1, "{runs:?}");
 }
 
 #[test]
-fn a_killed_comparison_keeps_all_runs_that_were_done() {
+fn killed_comparisons_keep_finished_runs() {
     let here = folder();
     let results = here.path().join("results");
     let mut process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1,2 --runs 10000 --out results"));
@@ -84,14 +85,14 @@ fn a_killed_comparison_keeps_all_runs_that_were_done() {
 }
 
 #[test]
-fn an_interrupted_comparison_says_so_and_is_fair() {
+fn interrupted_comparisons_are_marked_and_balanced() {
     for (name, status) in [("-INT", 130), ("-TERM", 143), ("-HUP", 143)] {
         let here = folder();
         let results = here.path().join("results");
         let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1 --runs 10000 --out results"));
         wait_for_runs(&results, 5);
         signal(&process, name);
-        // The run that is at work, two pixels' worth of samples, and the files.
+        // Time for the current run (samples of two pixels) and the files.
         let output = end(process, Duration::from_secs(20));
         let (said, warned) = (text(&output.stdout), text(&output.stderr));
         assert_eq!(output.status.code(), Some(status), "{name}: {warned}");
@@ -108,7 +109,7 @@ fn an_interrupted_comparison_says_so_and_is_fair() {
 }
 
 #[test]
-fn after_a_signal_nothing_is_calibrated() {
+fn signals_skip_calibration() {
     let here = folder();
     let results = here.path().join("results");
     let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1 --seconds 20,21 --runs 1 --out results"));
@@ -122,12 +123,12 @@ fn after_a_signal_nothing_is_calibrated() {
 }
 
 #[test]
-fn a_second_signal_ends_at_once_and_keeps_the_runs() {
+fn second_signals_end_at_once_and_keep_runs() {
     let here = folder();
     let results = here.path().join("results");
     let process = start(here.path(), &format!("{COMPARE} {SMALL} --spp 1,400000000 --runs 1 --out results"));
     wait_for_runs(&results, 2);
-    // The page comes after the runs, on a busy machine a while after.
+    // The page is written after the runs, with delay on a busy machine.
     wait_for_page(&results, "2 of 4 runs are done");
     signal(&process, "-INT");
     sleep(Duration::from_millis(500));
@@ -139,7 +140,7 @@ fn a_second_signal_ends_at_once_and_keeps_the_runs() {
 }
 
 #[test]
-fn an_interrupted_reference_leaves_nothing() {
+fn interrupted_references_leave_no_files() {
     let here = folder();
     let process = start(
         here.path(),
@@ -157,7 +158,7 @@ fn an_interrupted_reference_leaves_nothing() {
 }
 
 #[test]
-fn a_picture_that_cannot_be_written_costs_no_earlier_run() {
+fn unwritable_pictures_keep_earlier_runs() {
     let here = folder();
     let results = here.path().join("results");
     fs::create_dir_all(results.join("ris-2_2spp.exr")).unwrap();
@@ -167,7 +168,7 @@ fn a_picture_that_cannot_be_written_costs_no_earlier_run() {
     assert!(results.join("report.html").exists() && results.join("mis_2spp.exr").exists());
 }
 
-/// An interrupted rendering is a picture with fewer samples.
+/// An interrupted rendering yields a picture with fewer samples.
 #[test]
 fn interruption_writes_the_picture_so_far() {
     let here = folder();
@@ -175,7 +176,7 @@ fn interruption_writes_the_picture_so_far() {
     let view = "--scene sphere --env overcast --sampler mis --width 64 --height 48";
     let mut process = command(path, &format!("render {view} --spp 400000000 --out out/a.exr"));
     let process = process.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    // The folder is made when rendering is about to begin.
+    // The folder is created before rendering begins.
     let start = Instant::now();
     while !path.join("out").exists() && start.elapsed() < Duration::from_secs(20) {
         sleep(Duration::from_millis(20));
@@ -193,12 +194,12 @@ fn interruption_writes_the_picture_so_far() {
     assert!((1..400_000_000).contains(&spp), "{said}");
     succeed(path, &format!("render {view} --spp 4 --out short.exr"));
     let (long, short) = (picture(&path.join("out/a.exr")), picture(&path.join("short.exr")));
-    // More samples of the same picture: close to it, and not black.
+    // The long rendering has more samples of the same picture.
     let errors = ErrorMetrics::of(&short, &long).unwrap();
     assert!(mean(&long) > 0.1 && errors.relmse < 0.5, "{} {errors:?}", mean(&long));
 }
 
-/// Waits until a file is there.
+/// Waits until a file exists.
 fn wait_for(path: &Path) {
     let start = Instant::now();
     while !path.exists() {
@@ -208,7 +209,7 @@ fn wait_for(path: &Path) {
 }
 
 #[test]
-fn a_training_for_a_material_goes_on_after_a_signal_and_after_a_kill() {
+fn rival_training_resumes_after_signals_and_kills() {
     let here = folder();
     let cloth = concat!(env!("CARGO_MANIFEST_DIR"), "/checkpoints/welt.safetensors");
     let fit = |name: &str| {
@@ -226,7 +227,7 @@ fn a_training_for_a_material_goes_on_after_a_signal_and_after_a_kill() {
     assert!(warned.contains("of 1000 steps are done; the same command goes on from there"), "{warned}");
     let written = fs::metadata(&kept).unwrap().modified().unwrap();
     let mut process = start(here.path(), &arguments);
-    // The state is written again.
+    // Waits until the state is written again.
     let begin = Instant::now();
     while fs::metadata(&kept).is_ok_and(|now| now.modified().unwrap() == written) {
         assert!(begin.elapsed() < Duration::from_secs(60), "no state was written");
@@ -239,7 +240,7 @@ fn a_training_for_a_material_goes_on_after_a_signal_and_after_a_kill() {
     succeed(here.path(), &arguments);
     succeed(here.path(), &fit("whole"));
     assert!(!kept.exists());
-    // The header says how long an uninterrupted training took.
+    // The header contains the training time, which differs.
     let weights = |name: &str| after_header(&fs::read(here.path().join(name)).unwrap());
     assert!(weights("again") == weights("whole"), "the same sampler comes out");
 }

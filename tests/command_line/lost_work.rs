@@ -1,4 +1,4 @@
-//! Nothing that was computed is lost: not by closed or full outputs, not by another comparison, not by an output that cannot be written.
+//! Computed results survive closed or full outputs, other comparisons and unwritable files.
 
 use std::{
     fs::{self, OpenOptions},
@@ -12,7 +12,7 @@ use super::{SMALL, command, folder, names, radiance_file, succeed, text};
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_output_is_said_when_all_is_written() {
+fn full_outputs_are_reported_after_files_are_written() {
     let here = folder();
     let path = here.path();
     let arguments = "fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit";
@@ -23,7 +23,7 @@ fn a_full_output_is_said_when_all_is_written() {
     assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(said.contains("standard output is incomplete") && said.contains("No space left"), "{said}");
     assert_eq!(names(&path.join("fit")), ["measures.json", "metrics.jsonl", "resolved.toml", "sampler.safetensors"]);
-    // Whatever the command prints: the file that it writes is there.
+    // The file is written whatever the command prints.
     let view = format!("--scene sphere --env overcast {SMALL}");
     for (arguments, result) in [
         ("bake --direct --env overcast --normals 4x6 --cells 4x4 --out table".to_owned(), "table"),
@@ -43,7 +43,7 @@ fn a_full_output_is_said_when_all_is_written() {
         assert!(said.contains("standard output is incomplete"), "{arguments}: {said}");
         assert!(path.join(result).exists(), "{arguments}");
     }
-    // Nobody can be told, and nothing is lost.
+    // With both outputs full, files are still written.
     let full = || OpenOptions::new().write(true).open("/dev/full").unwrap();
     let mut process = command(path, &arguments.replace("--out fit", "--out again"));
     assert!(process.stdout(full()).stderr(full()).status().unwrap().code() == Some(1));
@@ -65,11 +65,11 @@ fn quiet_verbose_and_log() {
     );
     let output = command(path, &format!("-v {render}")).output().unwrap();
     assert!(text(&output.stderr).starts_with("detail: overcast: "), "{}", text(&output.stderr));
-    // Data is not silenced.
+    // `--quiet` does not silence data.
     assert!(succeed(path, "scenes -q").contains("temple"));
 }
 
-/// The sentence of a command that ends with an error.
+/// Returns the error message of a failing command.
 pub fn refused(folder: &Path, arguments: &str) -> String {
     let output = command(folder, arguments).output().unwrap();
     let said = text(&output.stderr);
@@ -78,7 +78,7 @@ pub fn refused(folder: &Path, arguments: &str) -> String {
 }
 
 #[test]
-fn results_of_another_command_stay() {
+fn results_of_other_commands_are_kept() {
     let here = folder();
     let path = here.path();
     let compare = |samplers: &str| {
@@ -91,7 +91,7 @@ fn results_of_another_command_stay() {
     let table = bytes("c/results.csv");
     assert!(refused(path, &compare("mis,ris:4")).contains("results.csv of another command"));
     assert_eq!(bytes("c/results.csv"), table);
-    // The same command, and one that may: nothing of the first is left.
+    // The same command and one with `--force` replace all files of the first.
     assert!(command(path, &compare("mis,ris:2")).output().unwrap().status.success());
     succeed(path, &compare("mis,ris:4"));
     assert!(!path.join("c/ris-2_1spp.exr").exists() && path.join("c/ris-4_1spp.exr").exists());
@@ -133,11 +133,11 @@ fn samplers_never_share_a_file() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn devices_stay_and_links_are_followed() {
+fn devices_are_kept_and_links_followed() {
     use std::os::unix::fs::{FileTypeExt, symlink};
     let here = folder();
     let path = here.path();
-    // Devices stay what they are, links lead to what they name.
+    // Devices are kept; links are followed.
     assert!(refused(path, "bake --direct --env overcast --out /dev/null").contains("device"));
     assert!(fs::metadata("/dev/null").unwrap().file_type().is_char_device());
     symlink("target.exr", path.join("link.exr")).unwrap();
@@ -150,9 +150,9 @@ fn devices_stay_and_links_are_followed() {
     assert!(refused(path, "inspect table --out picture.jpg").contains(".svg"));
 }
 
-/// What is too large for 200 MB is refused by name, whatever this one has.
+/// Work beyond a limit of 200 MB is rejected by name, on any machine.
 #[test]
-fn what_needs_more_memory_than_there_is_is_refused() {
+fn work_beyond_the_memory_limit_is_rejected() {
     let here = folder();
     let path = here.path();
     let large = "--width 16384 --height 16384";
@@ -170,7 +170,7 @@ fn what_needs_more_memory_than_there_is_is_refused() {
         ("composite --photo photo.exr --camera photo.fspy --env overcast --scene sphere --width 16384 --spp 1 --out both".into(), picture),
         ("bake --direct --env overcast --normals 256x512 --cells 64x64 --out table".into(), "a table of 131072 normals, 4096 cells for each"),
         (format!("render --scene sphere --env large.hdr --sampler mis --spp 1 {SMALL} --out a.exr"), "large.hdr: pixels"),
-        // A file of a seventh of the memory that its numbers take.
+        // The file has 1/7 of the size of its numbers in memory.
         (format!("render --scene sphere --env overcast --sampler direct:middling --spp 1 {SMALL} --out a.exr"), "middling: a table of 2048 normals"),
     ] {
         let output = command(path, &arguments).env("HEADTAIL_MEMORY", "200").output().unwrap();
@@ -183,14 +183,14 @@ fn what_needs_more_memory_than_there_is_is_refused() {
 }
 
 #[test]
-fn contents_of_files_do_not_reach_the_terminal_raw() {
+fn file_contents_are_escaped_on_the_terminal() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("run.toml"), "\"\u{1b}[2J\u{9b}31m\" = 1\nenv = 'studio'\n").unwrap();
     let said = refused(path, "fit --config run.toml --out f");
     assert!(!said.contains(['\u{1b}', '\u{9b}']), "{said:?}");
 
-    // Names and texts in files, as `info` shows them.
+    // Names and texts in files, as printed by `info`.
     let evil = "\u{1b}[2J\u{9b}31m";
     let image = Image { width: 1, height: 1, pixels: vec![[1.0; 3]] };
     write_exr(&path.join("a.exr"), &image, &[Attribute::new("note", "\u{1b}[2J")]).unwrap();
@@ -215,9 +215,9 @@ fn contents_of_files_do_not_reach_the_terminal_raw() {
     }
 }
 
-/// Weights of 1e30: numbers, but no density.
+/// Weights of 1e30 are finite, but yield no density.
 #[test]
-fn absurd_weights_are_refused() {
+fn overflowing_weights_are_rejected() {
     let here = folder();
     let path = here.path();
     succeed(path, "fit --env overcast --material lambert --steps 2 --set conditions=4 --out fit");
@@ -244,11 +244,11 @@ fn absurd_weights_are_refused() {
     assert!(refused(path, "inspect absurd --out a.svg").contains("no density"));
 }
 
-/// On a small file system of its own, in a mount namespace that ends with the script; skipped, aloud, where the system allows no namespace. Where the
-/// variable CI is set and there are namespaces, there is no excuse.
+/// Uses a small file system in a mount namespace that ends with the script. Reports a skip if namespaces are
+/// not permitted, except where the variable CI is set and they are.
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_disk_keeps_the_runs_that_were_done() {
+fn full_disks_keep_finished_runs() {
     let here = folder();
     let script = format!(
         "mkdir small && mount -t tmpfs -o size=300k tmpfs small && echo MOUNTED || exit 0
@@ -270,25 +270,26 @@ fn a_full_disk_keeps_the_runs_that_were_done() {
         return;
     };
     assert!(said.contains("STATUS 1"), "{said}");
-    // The first picture, of 83 kB, fits; the reference takes as much. The table of the runs before the one that failed is whole.
+    // The first picture (83 kB) and the reference of the same size fit. The table has all runs before the
+    // failed one.
     let rows = said.lines().filter(|line| line.starts_with("sphere,overcast,") && line.ends_with("sobol")).count();
     assert!(rows >= 2, "{said}");
 }
 
 #[test]
-fn the_stability_suite_goes_on_with_what_is_missing() {
+fn stability_resumes_with_missing_regimes() {
     let here = folder();
     let path = here.path();
     let suite = "stability --quick --only constant --out suite";
     assert!(command(path, suite).output().unwrap().status.success());
     let table = || fs::read_to_string(path.join("suite/stability.csv")).unwrap();
-    // Times among the figures are never the same twice: equal bytes were kept, not measured again.
+    // Times differ between measurements, so equal bytes were kept.
     let before = table();
     fs::remove_file(path.join("suite/stability.csv")).unwrap();
     fs::remove_file(path.join("suite/stability.html")).unwrap();
     assert!(command(path, suite).output().unwrap().status.success());
     assert_eq!(table(), before);
-    // What is damaged is measured again.
+    // Damaged regimes are measured again.
     fs::write(path.join("suite/regimes/constant-map.toml"), "key = 'x'").unwrap();
     assert!(command(path, suite).output().unwrap().status.success());
     assert_ne!(table(), before);

@@ -1,4 +1,4 @@
-//! The command line from outside: every command on small built-in data, mistakes, interruption, reproducibility.
+//! The command line: every command on small built-in data, errors, interruption, reproducibility.
 //!
 //! `demo` takes too long for a test; the script that runs every check runs it.
 
@@ -31,7 +31,7 @@ use std::{
 use headtail_render::image::{Image, read_radiance};
 use tempfile::TempDir;
 
-/// Runs the program in `folder`, so that paths in arguments and messages are short. What other commands left there may be replaced.
+/// Runs the program in `folder`, so that paths in arguments and messages are short, with `--force`.
 fn headtail(folder: &Path, arguments: &str) -> Output {
     command(folder, arguments).arg("--force").output().expect("the program starts")
 }
@@ -46,14 +46,14 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).expect("the program writes UTF-8")
 }
 
-/// Runs a command that must succeed; its standard output.
+/// Runs a command that must succeed; returns its standard output.
 fn succeed(folder: &Path, arguments: &str) -> String {
     let output = headtail(folder, arguments);
     assert!(output.status.success(), "{arguments}: {}\n{}", output.status, text(&output.stderr));
     text(&output.stdout)
 }
 
-/// Runs a command that must fail with one sentence; the sentence.
+/// Runs a command that must fail with one line; returns the line.
 fn fail(folder: &Path, arguments: &str) -> String {
     let output = headtail(folder, arguments);
     let message = text(&output.stderr);
@@ -65,7 +65,7 @@ fn fail(folder: &Path, arguments: &str) -> String {
     sentence.trim_end().to_owned()
 }
 
-/// Runs a command that the parser of arguments must refuse; what it says.
+/// Runs a command that the argument parser must reject; returns its message.
 fn refuse(folder: &Path, arguments: &str) -> String {
     let output = headtail(folder, arguments);
     let message = text(&output.stderr);
@@ -74,12 +74,12 @@ fn refuse(folder: &Path, arguments: &str) -> String {
     message
 }
 
-/// What `info --json` says of a file.
+/// Returns the output of `info --json` for a file.
 fn info(folder: &Path, file: &str) -> serde_json::Value {
     serde_json::from_str(&succeed(folder, &format!("info {file} --json"))).expect("JSON")
 }
 
-/// The tensors of a safetensors file, without the header in front of them.
+/// Returns the tensors of a safetensors file without its header.
 fn after_header(bytes: &[u8]) -> Vec<u8> {
     let length = u64::from_le_bytes(bytes[..8].try_into().expect("eight bytes"));
     bytes[8 + length as usize..].to_vec()
@@ -89,11 +89,11 @@ fn folder() -> TempDir {
     tempfile::tempdir().expect("a temporary folder")
 }
 
-/// The names in a folder, sorted; a temporary file that was left over would be among them.
+/// Returns the sorted names in a folder, including leftover temporary files.
 fn names(folder: &Path) -> Vec<String> {
     let entries = fs::read_dir(folder).expect("the folder is there");
     let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    // What says which command made the others.
+    // The record of the commands.
     names.retain(|name| name != ".headtail");
     names.sort();
     names
@@ -108,7 +108,8 @@ fn mean(image: &Image) -> f64 {
     image.pixels.iter().flatten().map(|&value| f64::from(value)).sum::<f64>() / (3 * image.pixels.len()) as f64
 }
 
-/// A Radiance file of flat (not run-length coded) pixels, all of one colour: `mantissa / 256 * 2^(exponent - 128)`.
+/// A Radiance file of flat (not run-length coded) pixels of one colour: `mantissa / 256 * 2^(exponent -
+/// 128)`.
 fn radiance_file(width: usize, height: usize, mantissa: u8, exponent: u8) -> Vec<u8> {
     let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
     bytes.extend([mantissa, mantissa, mantissa, exponent].repeat(width * height));
@@ -119,10 +120,10 @@ fn is_png(path: &Path) -> bool {
     fs::read(path).unwrap().starts_with(b"\x89PNG\r\n\x1a\n")
 }
 
-/// Whether a file is a drawing that needs nothing from outside.
+/// Returns whether a file is a self-contained SVG drawing.
 fn is_svg(path: &Path) -> bool {
     let svg = fs::read_to_string(path).unwrap();
-    // The name of the format is no address that is asked for.
+    // The XML namespace is the only address.
     let addresses = svg.matches("http:").count() + svg.matches("https:").count();
     svg.starts_with("<svg xmlns=\"http://www.w3.org/2000/svg\"") && svg.ends_with("</svg>\n") && addresses == 1
 }

@@ -1,6 +1,6 @@
 "use strict";
 
-// Links at the top and at the bottom of every figure: what page of a PDF they are on is written there in plain.
+// Adds links at the top and bottom of every figure: a PDF states their pages uncompressed.
 window.addEventListener("load", () => {
   [...document.querySelectorAll("figure, .figure, .card")].forEach((figure, number) => {
     figure.style.position = "relative";

@@ -1,4 +1,4 @@
-//! Names of files that are no Unicode are names like others.
+//! Non-UTF-8 file names are accepted everywhere.
 #![cfg(unix)]
 
 use std::{
@@ -26,7 +26,7 @@ fn run(process: &mut Command) -> Output {
 }
 
 #[test]
-fn names_that_are_no_unicode_are_files_like_others() {
+fn non_utf8_names_are_accepted() {
     let here = folder();
     let path = here.path();
     let picture = name(b"caf\xe9.exr");
@@ -36,9 +36,9 @@ fn names_that_are_no_unicode_are_files_like_others() {
     run(command(path, "info").arg(picture));
 }
 
-/// Where a name may be that of a built-in one or stands within a text.
+/// Options where a name can be a built-in one or part of a text.
 #[test]
-fn maps_scenes_materials_and_samplers_have_any_names() {
+fn maps_scenes_materials_and_samplers_accept_any_names() {
     let here = folder();
     let path = here.path();
     let (map, scene) = (name(b"caf\xe9,\xe9.hdr"), name(b"\xfe.glb"));
@@ -53,7 +53,7 @@ fn maps_scenes_materials_and_samplers_have_any_names() {
     let samplers = name(b"mis,direct:\xff.safetensors,ris:2:direct:\xff.safetensors");
     run(command(path, &compare).arg("--env").arg(map).arg("--scene").arg(scene).arg("--samplers").arg(samplers));
     let table = fs::read_to_string(path.join("compared/results.csv")).unwrap();
-    // What stands in results is taken back as the same name.
+    // Names in results select the same file again.
     let written = table.lines().find_map(|line| line.split(',').find(|cell| cell.starts_with("direct:"))).unwrap();
     let render = format!("render {SMALL} --scene sphere --spp 1 --out again.exr --sampler");
     run(command(path, &render).arg(written).arg("--env").arg(map));
@@ -62,7 +62,7 @@ fn maps_scenes_materials_and_samplers_have_any_names() {
     let material = name(b"neural:\xfd.safetensors,repeat=3");
     run(command(path, &render).arg("--env").arg(map).arg("--material").arg(material));
 
-    // A script of Slurm is of bytes; in the names of its logs a percent sign begins a number.
+    // Slurm scripts contain raw bytes; `%` in the names of logs begins a pattern.
     fs::write(
         path.join(name(b"\xfc.toml")),
         "objectives = [\"relative_variance\"]\n[run]\nenv = \"studio\"\n[axes]\nseed = [1, 2]\n",

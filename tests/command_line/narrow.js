@@ -1,6 +1,6 @@
 "use strict";
 
-// Beside an iframe with the page: what of it lies beyond the screen, but for what scrolls by itself.
+// Runs beside an iframe with the page: finds content beyond the screen, except in scrollable elements.
 window.addEventListener("load", () => setTimeout(() => {
   const page = document.querySelector("iframe").contentDocument;
   const root = page.documentElement;

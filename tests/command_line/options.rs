@@ -1,4 +1,4 @@
-//! What a renderer's tools can be expected to do: parts of pictures, turned and tinted maps, features, data for programs, facts about files.
+//! Common options of renderers: crops, rotated and tinted maps, AOVs, JSON output, file information.
 
 use std::fs;
 
@@ -13,10 +13,10 @@ use super::{SMALL, command, fail, folder, mean, names, picture, refuse, succeed,
 const VIEW: &str = "render --scene dishes --env studio --sampler mis --spp 4 --width 40 --height 30";
 
 #[test]
-fn a_part_has_the_pixels_of_the_whole() {
+fn crops_equal_the_pixels_of_the_whole() {
     let here = folder();
     let path = here.path();
-    // 7, 5 begins inside of a tile of 16 x 16 pixels, and the part ends inside of another.
+    // 7, 5 is inside a tile of 16 x 16 pixels, and the crop ends inside another.
     for points in ["sobol", "zsobol", "independent"] {
         succeed(path, &format!("{VIEW} --points {points} --out whole.exr"));
         succeed(path, &format!("{VIEW} --points {points} --crop 7,5,21,18 --out part.exr"));
@@ -35,11 +35,11 @@ fn a_part_has_the_pixels_of_the_whole() {
 }
 
 #[test]
-fn a_turned_map_needs_no_other_file() {
+fn rotated_maps_equal_rolled_files() {
     let here = folder();
     let path = here.path();
     let map = Environment::open("studio").unwrap().to_image();
-    // Counter-clockwise from above, from +X to -Z: what was a quarter of the map to the right comes to a place.
+    // Rotation is counter-clockwise from above, from +X to -Z: texels move left by 25 % of the map.
     let rolled = |by: usize| {
         let from = |k: usize| map.pixels[k / map.width * map.width + (k % map.width + by) % map.width];
         Image { pixels: (0..map.pixels.len()).map(from).collect(), ..map }
@@ -57,7 +57,7 @@ fn a_turned_map_needs_no_other_file() {
     };
     let (right, left) = (error("right"), error("left"));
     assert!(right < 2e-2 && right < 0.05 * left, "{right} {left}");
-    // The camera of the picture's header is the one that was asked for.
+    // The camera in the picture's header is the requested one.
     let known = text_attributes(&path.join("turned.exr")).unwrap();
     let of = |name: &str| known.iter().find(|(found, _)| found == name).unwrap().1.clone();
     assert_eq!((of("environment.rotated").as_str(), of("sampler").as_str()), ("90", "direct:table"));
@@ -80,7 +80,7 @@ fn scaled_light_scales_the_picture() {
 }
 
 #[test]
-fn comparisons_take_parts_and_lights_as_pictures_do() {
+fn compare_supports_crops_and_lights_like_render() {
     let here = folder();
     let path = here.path();
     let options = "--env-rotate 30 --env-scale 2,1,0.5 --crop 7,5,21,18";
@@ -92,14 +92,15 @@ fn comparisons_take_parts_and_lights_as_pictures_do() {
     assert!(one == run, "the same picture");
     let reference = picture(&path.join("parts/reference.exr"));
     assert_eq!((reference.width, reference.height), (21, 18));
-    // Both are of one light: means over 378 pixels of a few samples each agree within a tenth, and those of other factors do not.
+    // Both have the same light: means over 378 pixels with few samples agree within 10 %, those of other
+    // factors do not.
     assert!((mean(&run) / mean(&reference) - 1.0).abs() < 0.1, "{} {}", mean(&run), mean(&reference));
     let table = fs::read_to_string(path.join("parts/results.csv")).unwrap();
     assert!(table.contains("dishes, pixels 7,5,21,18") && table.contains("studio, turned by 30\u{b0}, times 2,1,0.5"));
     let facts = text_attributes(&path.join("parts/mis_4spp.exr")).unwrap();
     let of = |name: &str| facts.iter().find(|(found, _)| found == name).unwrap().1.clone();
     assert_eq!((of("environment.rotated"), of("crop")), ("30".into(), "7,5,21,18".into()));
-    // Another light or part has another reference.
+    // Another light or crop has another reference.
     assert_eq!(names(&path.join("cache")).len(), 2);
     succeed(path, &format!("{compare} {options} --out again"));
     assert_eq!(names(&path.join("cache")).len(), 2);
@@ -109,14 +110,14 @@ fn comparisons_take_parts_and_lights_as_pictures_do() {
 }
 
 #[test]
-fn features_lie_beside_the_picture() {
+fn aovs_are_written_beside_the_picture() {
     let here = folder();
     let path = here.path();
     succeed(
         path,
         "render --scene plane --env overcast --sampler mis --spp 1 --width 8 --height 6 --material lambert:albedo=0.25 --aovs --out a.exr",
     );
-    // Layers are no colours of their own: only `beauty` channels or R, G, B would be.
+    // Layers are not colour: only `beauty` channels or R, G, B are.
     let layers = fs::read(path.join("a.aovs.exr")).unwrap();
     for name in ["albedo.R", "normal.Y", "depth.Z"] {
         assert!(layers.windows(name.len()).any(|window| window == name.as_bytes()), "{name}");
@@ -144,10 +145,10 @@ fn the_default_sampler_is_chosen_and_named() {
 }
 
 #[test]
-fn maps_are_read_in_the_layout_and_by_the_layer_that_is_named() {
+fn maps_are_read_in_the_named_layout_and_layer() {
     let here = folder();
     let path = here.path();
-    // Six faces in a column; the one to +Y, up, is bright.
+    // Six faces in a column; the one to +Y (up) is bright.
     let mut image = Image { width: 8, height: 48, pixels: vec![[0.1; 3]; 8 * 48] };
     image.pixels[2 * 64..3 * 64].fill([1.0; 3]);
     write_exr(&path.join("cube.exr"), &image, &[]).unwrap();
@@ -165,7 +166,7 @@ fn maps_are_read_in_the_layout_and_by_the_layer_that_is_named() {
 }
 
 #[test]
-fn warnings_about_files_are_errors_where_that_is_asked_for() {
+fn strict_mode_turns_file_warnings_into_errors() {
     let here = folder();
     let path = here.path();
     let image = Image { width: 4, height: 2, pixels: vec![[1.0, f32::NAN, 1.0]; 8] };
@@ -179,7 +180,7 @@ fn warnings_about_files_are_errors_where_that_is_asked_for() {
 }
 
 #[test]
-fn data_is_json_and_nothing_else() {
+fn json_output_contains_only_data() {
     let here = folder();
     let path = here.path();
     let json = |arguments: &str| -> serde_json::Value {
@@ -208,7 +209,7 @@ fn data_is_json_and_nothing_else() {
 }
 
 #[test]
-fn files_say_what_they_are() {
+fn info_describes_files() {
     let here = folder();
     let path = here.path();
     succeed(path, &format!("{VIEW} --out a.exr"));
@@ -225,7 +226,7 @@ fn files_say_what_they_are() {
 }
 
 #[test]
-fn shells_complete() {
+fn shell_completions_are_generated() {
     let here = folder();
     for shell in ["bash", "zsh", "fish"] {
         let script = succeed(here.path(), &format!("completions {shell}"));
@@ -234,7 +235,7 @@ fn shells_complete() {
 }
 
 #[test]
-fn mistakes_are_said_in_words() {
+fn errors_contain_no_type_names() {
     let here = folder();
     let path = here.path();
     assert!(refuse(path, &format!("{VIEW} --seed x --out a.exr")).contains("it is no whole number"));
@@ -247,7 +248,7 @@ fn mistakes_are_said_in_words() {
 }
 
 #[test]
-fn a_table_for_diffuse_surfaces_draws_a_note_on_glossy_ones() {
+fn diffuse_tables_on_glossy_surfaces_print_a_note() {
     let here = folder();
     let path = here.path();
     succeed(path, "bake --direct --env overcast --normals 4x6 --cells 4x4 --out table");
@@ -262,7 +263,7 @@ fn a_table_for_diffuse_surfaces_draws_a_note_on_glossy_ones() {
 }
 
 #[test]
-fn a_reference_knows_its_noise() {
+fn reference_noise_is_estimated_and_corrected() {
     let here = folder();
     let path = here.path();
     let compare = |spp: u32, out: &str| {
@@ -281,13 +282,15 @@ fn a_reference_knows_its_noise() {
     assert!(
         page.contains("Its own mean squared error, from two independent halves, is") && !page.contains("limited by it")
     );
-    // With a reference of the runs' own samples, what is left of the errors is what they are with a good one.
+    // A reference from the runs' own number of samples yields nearly the same errors after correction.
     let (noisy_mis, noisy_patches, page) = compare(16, "noisy");
-    // 432 pixels, of which about a third is covered, in four runs of either; the reference's own errors are common to all runs. Their variance is
-    // that of a mean over some 150 pixels of squares, of relative deviation 1.4 for normal errors and more for these: 0.3 is two deviations.
+    // The sphere covers about 1/3 of 432 pixels, in four runs of each; the reference's errors are common to
+    // all runs. Their variance is that of a mean over about 150 squared errors, with relative deviation 1.4
+    // for normal errors and more here: 0.3 is two deviations.
     assert!((noisy_mis / mis - 1.0).abs() < 0.3, "{noisy_mis} {mis}");
     assert!(noisy_patches < 2.0 * patches || page.contains("limited by it"), "{noisy_patches} {patches}");
-    // Runs of 512 times the reference's samples are far better than it, whatever their errors are: theirs is said to be limited.
+    // Runs of 512 times the reference's samples have far smaller errors, so theirs are reported as limited by
+    // it.
     let arguments = format!(
         "compare --scene sphere --env studio {SMALL} --samplers mis,patches --runs 1 --spp 2048 --reference-spp 4 --out limited"
     );

@@ -60,7 +60,7 @@ fn shadows_ground_and_camera_change_the_picture() {
     };
     let shadowed = render("");
     let unshadowed = render("--unshadowed");
-    // Without shadow rays a pixel gains light or stays as it is: the samples are the same.
+    // Without shadow rays, pixels do not get darker: the samples are the same.
     assert!(mean(&unshadowed) > 1.1 * mean(&shadowed));
     let brighter = |(a, b): (&[f32; 3], &[f32; 3])| a.iter().zip(b).all(|(a, b)| a >= b);
     assert!(unshadowed.pixels.iter().zip(&shadowed.pixels).all(brighter));
@@ -70,7 +70,7 @@ fn shadows_ground_and_camera_change_the_picture() {
 }
 
 #[test]
-fn light_over_several_surfaces_adds_to_direct_light() {
+fn indirect_light_adds_to_direct_light() {
     let here = folder();
     let path = here.path();
     let view = format!("render --scene dishes --env overcast --sampler mis --spp 16 {SMALL}");
@@ -79,7 +79,7 @@ fn light_over_several_surfaces_adds_to_direct_light() {
         assert!(said.contains(&format!("\n{stage} ")), "{said}");
     }
     assert!(said.contains("\nthread-seconds by stage"), "{said}");
-    // BRDF sampling asks no second sampler for a pdf.
+    // BRDF sampling evaluates no second pdf.
     let one = succeed(path, &format!("{view} --timings --out direct.exr").replace("mis", "brdf"));
     assert!(one.contains("\npdf evaluation       0.000 s   0.0 %"), "{one}");
     succeed(path, &format!("{view} --out direct.exr"));
@@ -106,7 +106,7 @@ fn built_in_scenes_are_listed_and_pictured() {
 }
 
 #[test]
-fn one_material_can_be_given_to_every_surface() {
+fn materials_can_replace_those_of_every_surface() {
     let here = folder();
     let path = here.path();
     let view = format!("render --scene dishes --env overcast --ground --unshadowed {SMALL}");
@@ -116,7 +116,7 @@ fn one_material_can_be_given_to_every_surface() {
     };
     let rough = render("--sampler mis --material ggx:alpha=0.2..0.8");
     assert!((render("--sampler brdf --material ggx:alpha=0.2..0.8") / rough - 1.0).abs() < 0.03);
-    // White surfaces are brighter than the scene's own, and rough mirrors lose what they would reflect twice.
+    // White surfaces are brighter than the scene's own, and rough mirrors lose energy between bounces.
     assert!(render("--sampler mis --material lambert") > 1.1 * render("--sampler mis"));
     assert!(render("--sampler mis --material ggx:alpha=0.5") > 1.05 * render("--sampler mis --material ggx:alpha=1"));
 }
@@ -150,7 +150,7 @@ fn the_same_seed_gives_the_same_picture_on_any_number_of_threads() {
     for (threads, seed, out) in [(1, 9, "a"), (3, 9, "b"), (3, 10, "c")] {
         succeed(here.path(), &format!("{view} --threads {threads} --seed {seed} --out {out}.exr"));
     }
-    // The EXR files hold the time that was taken; their pixels and the PNG files have no such excuse.
+    // EXR files contain the render time, so only their pixels are compared; PNG files are identical.
     let [a, b, c] = ["a", "b", "c"].map(|name| picture(&here.path().join(name).with_extension("exr")));
     assert_eq!(a, b);
     assert_ne!(a, c);
@@ -177,7 +177,7 @@ fn points_are_chosen_and_recorded() {
     }
     assert_eq!(default, named[0].0);
     assert!(named[0].0 != named[1].0 && named[1].0 != named[2].0 && named[2].0 != named[0].0);
-    // The plan is all that a budget decides: three of four samples are planned as four.
+    // A budget only determines the plan: three of four samples are planned as four.
     let planned = render("planned", "--spp 3 --points zsobol:4").0;
     assert_eq!(planned, render("resolved", "--spp 3 --points zsobol").0);
     assert!(render("timed", "--seconds 0.01 --points zsobol").1.contains(" spp of zsobol:16 points in "));

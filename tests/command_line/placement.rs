@@ -1,4 +1,4 @@
-//! Where `composite` puts object, catcher, camera and light.
+//! Placement of object, catcher, camera and light in `composite`.
 
 use std::{fs, path::Path};
 
@@ -9,7 +9,7 @@ use headtail_render::{
 
 use super::{fail, folder, picture, succeed};
 
-/// A dim sky with a lamp of few texels, multiplied by factors.
+/// A dim sky with a lamp of a few texels, multiplied by factors.
 fn write_map(path: &Path, factors: [f32; 3]) {
     let level = |k: usize| if (8..12).contains(&(k % 64)) && (6..9).contains(&(k / 64)) { 60.0 } else { 0.5 };
     let pixels = (0..64 * 32).map(|k| factors.map(|factor| factor * level(k))).collect();
@@ -46,7 +46,7 @@ fn write_inputs(path: &Path) {
     }
 }
 
-/// A composite into the grey photograph.
+/// Renders a composite over the grey photograph.
 fn composite(path: &Path, arguments: &str) -> Image {
     succeed(path, &format!("composite --photo photo.exr --spp 16 {arguments} --out out"));
     picture(&path.join("out/composite.exr"))
@@ -58,9 +58,10 @@ fn apart(a: &Image, b: &Image) -> f64 {
     pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / a.pixels.as_flattened().len() as f64
 }
 
-/// Map, object and camera that are turned together show what they showed; map or object alone turn the shadow.
+/// Turning map, object and camera together leaves the picture unchanged; turning map or object alone moves
+/// the shadow.
 #[test]
-fn map_and_object_turn_the_same_way() {
+fn maps_and_objects_rotate_consistently() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
@@ -73,36 +74,38 @@ fn map_and_object_turn_the_same_way() {
     let all = apart(&at(40.0, "--turn 40 --env-rotate 40"), &first);
     for options in ["--turn 40", "--env-rotate 40", "--turn 40 --env-rotate -40", "--turn -40 --env-rotate 40"] {
         let other = apart(&at(40.0, options), &first);
-        // Samples are the same but where rounding decides at an edge.
+        // Samples are the same, except where rounding matters at an edge.
         assert!(other > 4e-3 && all < 0.1 * other, "{options}: {other}, all {all}");
     }
-    // Another name of the same option.
+    // An alias of the same option.
     assert_eq!(at(40.0, "--turn 40 --turn-env 40"), at(40.0, "--turn 40 --env-rotate 40"));
 }
 
-/// A tilted floor of the scene, and a plane in its place: --plane-at, --plane-normal and --move put both where the scene has them.
+/// A tilted floor of the scene, and a plane instead: --plane-at, --plane-normal and --move place both
+/// equally.
 #[test]
-fn a_plane_is_placed_as_a_mesh_is() {
+fn planes_and_meshes_are_placed_alike() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
     let view = "--env map.exr --depth 1 --look-from 0,1.6,3 --look-at 0,0.4,0 --fov 30";
     let mesh = composite(path, &format!("{view} --scene floor.gltf --catcher Floor --move 0.1,0.2,0"));
-    // The normal is (-sin 20, cos 20, 0). The middle of the lid is 0.4 along it, and its underside 0.3 sin 20 lower.
+    // The normal is (-sin 20, cos 20, 0). The middle of the lid is 0.4 along it, and its underside 0.3 sin 20
+    // lower.
     let (sin, cos) = 20_f32.to_radians().sin_cos();
     let place = format!("--move {},{},0", 0.1 - 0.4 * sin, 0.2 + 0.4 * cos - 0.3 * sin);
     let plane = |plane: &str| composite(path, &format!("{view} --scene tilted.gltf {place} {plane}"));
     let placed = apart(&plane(&format!("--plane-at 0.1,0.2,0 --plane-normal {},{cos},0", -sin)), &mesh);
     for wrong in ["", "--plane-at 0.1,0.2,0", &format!("--plane-normal {},{cos},0", -sin)] {
         let other = apart(&plane(wrong), &mesh);
-        // Samples are the same; the mesh's irradiance comes from a table that is off by less than a thousandth.
+        // Samples are the same; the mesh's irradiance is from a table with an error below 0.1 %.
         assert!(other > 4e-3 && placed < 0.1 * other, "{wrong}: {other}, in its place {placed}");
     }
 }
 
-/// A project with +Y up is that with +Z up, turned.
+/// A project with +Y up equals the rotated one with +Z up.
 #[test]
-fn projects_may_have_y_up() {
+fn y_up_projects_equal_rotated_z_up_projects() {
     let here = folder();
     let path = here.path();
     write_map(&path.join("map.exr"), [1.0; 3]);
@@ -116,14 +119,14 @@ fn projects_may_have_y_up() {
     assert!(y < 1e-4 && wrong > 0.01, "{y}, read as with Z up {wrong}");
 }
 
-/// Factors of the light are those of a map that was multiplied by them: for object, light thrown back, and masks of either kind.
+/// Scaling the light equals scaling the map: for the object, interreflection, and both kinds of masks.
 #[test]
-fn scaled_light_is_that_of_a_scaled_map() {
+fn scaling_light_equals_scaling_the_map() {
     let here = folder();
     let path = here.path();
     write_inputs(path);
     write_map(&path.join("tinted.exr"), [3.0, 1.0, 0.25]);
-    // BRDF sampling does not know the light: the samples are the same.
+    // BRDF sampling does not depend on the light, so the samples are the same.
     let view = "--scene sphere --size 0.8 --sampler brdf --depth 3 --look-from 0,1.6,3 --look-at 0,0.4,0 --fov 30";
     for mask in ["", "--grey-mask"] {
         let of = |light: &str| composite(path, &format!("{view} {mask} {light}"));

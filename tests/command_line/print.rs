@@ -1,13 +1,13 @@
-//! Printed pages: no figure is on two sheets.
+//! Printed pages: no figure is split between two sheets.
 
 use std::{collections::HashMap, fs, path::Path, process::Command};
 
 use super::folder;
 
-/// Puts marks at the edges of all figures.
+/// Adds marks at the edges of all figures.
 const MARK: &str = include_str!("mark.js");
 
-/// Prints a page, and says how many figures are on its sheets. Panics at the first that is cut in two.
+/// Prints a page and returns the number of its figures. Panics if one is split.
 pub fn whole_figures(browser: &str, page: &Path) -> usize {
     let html = fs::read_to_string(page).unwrap();
     let (copy, pdf) = (page.with_extension("print.html"), page.with_extension("print.pdf"));
@@ -30,7 +30,7 @@ pub fn whole_figures(browser: &str, page: &Path) -> usize {
     sheets.len() / 2
 }
 
-/// On which sheet of a PDF each mark is. Chromium writes all objects but the contents of sheets in plain.
+/// Returns the sheet of each mark in a PDF. Chromium compresses only the contents of sheets.
 fn sheets_of_marks(pdf: &str) -> HashMap<String, usize> {
     let objects: HashMap<&str, &str> = pdf
         .split("endobj")

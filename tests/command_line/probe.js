@@ -10,13 +10,13 @@ window.addEventListener("load", () => {
     document.body.dataset.probe = Object.entries(found).map(([key, value]) => key + "=" + value).join(" ");
   };
   if (document.querySelector(".kicker")?.textContent.endsWith("autosize")) {
-    // autosize: the line along the front, and the choice by name.
+    // autosize: the line along the front, and the chosen sampler by name.
     found.front = [...document.querySelectorAll("svg.chart path.front")].some(seen);
     found.choice = [...document.querySelectorAll("svg.chart text")].some((label) => label.textContent.startsWith("best: "));
   }
   if (get("position")) return useSlider().catch((error) => { found.error = String(error).replaceAll(" ", "_"); }).then(finish);
 
-  // A choice, and the stage once it is painted anew.
+  // Makes a choice, and waits until the stage is repainted.
   function change(element, value, kind) {
     return new Promise((resolve) => {
       get("stage").addEventListener("shown", resolve, { once: true });
@@ -48,7 +48,7 @@ window.addEventListener("load", () => {
     const choice = [...left.options].find((option) => ["image-reference", "image-mask"].includes(option.value));
     await change(left, choice.value, "change");
     found.chosen = get("tag-left").textContent.startsWith(choice.text) && location.hash.includes("left=" + choice.value);
-    // Linear values under the page's tone curve are the picture's own 8 bits but for the steps of both.
+    // Linear values under the page's tone curve equal the picture's 8 bits up to quantization.
     found.same = farthest(pixels(get("before")), pixels(get(choice.value))) <= 3;
     const plain = mean(pixels(get("before")));
     await change(get("exposure"), -2, "input");
@@ -85,7 +85,7 @@ window.addEventListener("load", () => {
     boxes[0].setPointerCapture = () => {};
     boxes[0].dispatchEvent(new PointerEvent("pointerdown", { clientX: area.left + area.width / 2, clientY: area.top + area.height / 2, pointerId: 1, bubbles: true }));
     found.clicked = equal(places()) && places()[0] !== moved[0];
-    // What the address says is what is shown, when it is opened and when it is changed.
+    // The page shows the state in the address, both at first and after changes.
     location.hash = "insets=0.3,0.4,0.1;0.7,0.6,0.1&map=flip&budget=0";
     window.dispatchEvent(new HashChangeEvent("hashchange"));
     const frame = boxes[0].querySelector(".frame.inset-0").getBoundingClientRect();

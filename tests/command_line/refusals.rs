@@ -1,4 +1,4 @@
-//! What is wrong is refused with a sentence.
+//! Invalid inputs are rejected with an error.
 
 use std::{fs, path::Path};
 
@@ -7,7 +7,7 @@ use headtail_render::image::{Image, write_exr};
 use super::{SMALL, command, fail, folder, headtail, names, picture, radiance_file, refuse, succeed, text};
 
 #[test]
-fn an_instruction_set_that_is_not_there_is_refused_with_a_sentence() {
+fn unavailable_instruction_sets_are_rejected() {
     let here = folder();
     let output = command(here.path(), "scenes").env("HEADTAIL_SIMD", "abacus").output().unwrap();
     let message = text(&output.stderr);
@@ -16,7 +16,7 @@ fn an_instruction_set_that_is_not_there_is_refused_with_a_sentence() {
 }
 
 #[test]
-fn maps_are_repaired_or_refused_with_a_sentence() {
+fn invalid_maps_are_repaired_or_rejected() {
     let here = folder();
     let path = here.path();
     let write = |name: &str, bytes: &[u8]| fs::write(path.join(name), bytes).unwrap();
@@ -40,7 +40,8 @@ fn maps_are_repaired_or_refused_with_a_sentence() {
     }
     assert!(!path.join("a.exr").exists() && !path.join("table").exists());
 
-    // Mantissa 128, exponent 129: radiance 1 everywhere, from a single texel. A white sphere in it cannot be seen.
+    // Mantissa 128, exponent 129: radiance 1 everywhere, from a single texel. A white sphere in it is
+    // invisible.
     write("one.hdr", &radiance_file(1, 1, 128, 129));
     succeed(path, &render("one.hdr").replace("mis", "cosine"));
     let white = picture(&path.join("a.exr"));
@@ -97,7 +98,7 @@ fn sampler_files_are_checked_before_they_are_used() {
     assert_eq!(names(path), ["baked", "cut", "direct", "head", "newer"]);
 }
 
-/// `bytes` with the only occurrence of `from` replaced by `to`, which is as long.
+/// Replaces the only occurrence of `from` in `bytes` by `to`, which has the same length.
 fn replace(bytes: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     let start = bytes.windows(from.len()).position(|window| window == from).expect("it is there");
     let mut changed = bytes.to_vec();
@@ -166,13 +167,13 @@ fn values_out_of_range_are_refused() {
     assert_eq!(left, Vec::<String>::new());
 }
 
-/// As [`refuse`]; without any argument the whole help is shown instead.
+/// Like [`refuse`]; without arguments, the help is shown instead.
 fn refuse_or_help(folder: &Path, arguments: &str) -> String {
     if arguments.is_empty() { text(&headtail(folder, arguments).stderr) } else { refuse(folder, arguments) }
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_an_error() {
+fn unwritable_files_are_errors() {
     let here = folder();
     fs::write(here.path().join("file"), "in the way").unwrap();
     let render = format!("render --scene sphere --env overcast --sampler mis --spp 1 {SMALL}");
@@ -185,7 +186,7 @@ fn a_file_that_cannot_be_written_is_an_error() {
         let sentence = fail(here.path(), &arguments);
         assert!(sentence.starts_with("file"), "{sentence}");
     }
-    // What is already there stays when the new file cannot take its place: a folder bears the name.
+    // An existing entry is kept if the new file cannot replace it: here a folder has the name.
     fs::create_dir(here.path().join("taken.exr")).unwrap();
     assert!(fail(here.path(), &format!("{render} --out taken.exr")).starts_with("taken.exr"));
     assert_eq!(names(here.path()), ["file", "taken.exr"]);

@@ -1,4 +1,4 @@
-//! Samplers with files: fitted, baked, tabulated, drawn and used.
+//! Samplers with files: fitted, baked, tabulated, plotted and used.
 
 use std::fs;
 
@@ -21,7 +21,7 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
     assert_eq!(names(&path.join("pictures")), ["baked.svg", "head.svg"]);
     assert!(is_svg(&path.join("pictures/head.svg")) && is_svg(&path.join("pictures/baked.svg")));
 
-    // The samplers estimate one and the same picture.
+    // All samplers estimate the same picture.
     let view = format!("render --scene sphere --env overcast --spp 64 {SMALL}");
     for (sampler, name) in [("head:fitted/sampler", "head"), ("baked:baked", "baked")] {
         let said = succeed(path, &format!("{view} --sampler {sampler}.safetensors --out {name}.exr"));
@@ -31,13 +31,13 @@ fn a_head_is_fitted_baked_rendered_and_inspected() {
     let expected = mean(&picture(&path.join("mis.exr")));
     for name in ["head", "baked"] {
         let found = mean(&picture(&path.join(name).with_extension("exr")));
-        // 432 pixels at 64 samples of relative deviation below 1: the mean is known to well under 1 %.
+        // 432 pixels at 64 samples of relative deviation below 1: the mean has an error well below 1 %.
         assert!((found / expected - 1.0).abs() < 0.02, "{name}: {found}, mis: {expected}");
     }
 }
 
 #[test]
-fn a_head_for_cloth_is_inspected_at_a_place_of_it() {
+fn heads_for_cloth_are_inspected_at_a_texel() {
     let here = folder();
     let path = here.path();
     let cloth = concat!("neural:", env!("CARGO_MANIFEST_DIR"), "/checkpoints/satin.safetensors");
@@ -51,17 +51,17 @@ fn a_head_for_cloth_is_inspected_at_a_place_of_it() {
     };
     let (there, coarse) = (at("--place 0.1,0.7"), at("--place 0.1,0.7 --level 6"));
     for found in [&there, &coarse] {
-        // Cells of 512 x 256 are small beside the bins of an untrained head.
+        // Cells of 512 x 256 are small compared with the bins of an untrained head.
         assert!((found["integral"].as_f64().unwrap() - 1.0).abs() < 0.01, "{found}");
         assert!(found["kl"].as_f64().unwrap() > 0.0 && found["share"].is_f64());
     }
-    // Another place has other features, and so another target.
+    // Other texels have other features and another target.
     assert!(there["kl"] != coarse["kl"]);
     assert!(fail(path, "inspect cloth/sampler.safetensors --out a.svg").contains("give --material neural:FILE"));
 }
 
 #[test]
-fn a_run_is_one_file_that_its_results_repeat() {
+fn resolved_settings_reproduce_a_run() {
     let here = folder();
     let path = here.path();
     let run = "env = 'studio'\nout = 'first'\nsteps = 10\nconditions = 8\nhead.bins = 5\n[export]\nreproducible = true\n\
@@ -74,7 +74,7 @@ fn a_run_is_one_file_that_its_results_repeat() {
     let bytes = |file: &str| fs::read(path.join(file)).unwrap();
     assert_eq!(bytes("first/sampler.safetensors"), bytes("second/sampler.safetensors"));
     assert_eq!(bytes("first/resolved.toml"), bytes("second/resolved.toml"));
-    // Every setting is inside of the file, and the table that made a table, too.
+    // The file contains every setting, and the run that made a table, too.
     let exported = ExportedSampler::read(&path.join("first/sampler.safetensors")).unwrap();
     assert_eq!(exported.run.as_deref().map(str::as_bytes), Some(&bytes("first/resolved.toml")[..]));
     succeed(path, "bake --from first/sampler.safetensors --normals 4x8 --cells 4x4 --out baked");
@@ -132,7 +132,7 @@ fn a_glossy_head_is_inspected_and_rendered_but_not_baked() {
     let expected = render("mis");
     for sampler in ["head+mis:one/sampler.safetensors", "ris:4:head:range/sampler.safetensors"] {
         let found = render(sampler);
-        // 432 pixels at 64 samples of relative deviation below 1.5: the mean is known to 1 %.
+        // 432 pixels at 64 samples of relative deviation below 1.5: the mean has an error of 1 %.
         assert!((found / expected - 1.0).abs() < 0.03, "{sampler}: {found}, mis: {expected}");
     }
 }
@@ -145,7 +145,7 @@ fn flow_tails_are_fitted_exported_and_shown() {
         "fit --env sunset --material lambert --set steps=20 --set flow.steps=20 --set flow.cells=16 --checkpoint-dir";
     let said = succeed(path, &format!("{fit} ck --tail flow --out flow"));
     assert!(said.contains("flow tail: KL") && names(&path.join("ck")).contains(&"tail".to_owned()), "{said}");
-    // A second run finds all steps done, of the tail and of the head.
+    // A second run finds all steps of tail and head done.
     succeed(path, &format!("{fit} ck --resume --tail flow --out again"));
     let said = succeed(path, "inspect --tail --env sunset flow/sampler.safetensors --out tails.svg");
     assert!(
@@ -155,8 +155,8 @@ fn flow_tails_are_fitted_exported_and_shown() {
     let view = format!("render --scene plane --env sunset --unshadowed {SMALL}");
     succeed(path, &format!("{view} --spp 64 --sampler mis --out mis.exr"));
     let expected = mean(&picture(&path.join("mis.exr")));
-    // 432 pixels. A flow of 20 steps hardly matches the sun: its samples weigh up to 900 (relative deviation 16, standard error of the
-    // mean 1.2 % at 4096 samples per pixel, of which five are allowed).
+    // 432 pixels. A flow of 20 steps hardly matches the sun: weights reach 900 (relative deviation 16,
+    // standard error of the mean 1.2 % at 4096 samples per pixel; five are allowed).
     succeed(path, &format!("{view} --spp 4096 --sampler head+mis:flow/sampler.safetensors --out other.exr"));
     let found = mean(&picture(&path.join("other.exr")));
     assert!((found / expected - 1.0).abs() < 0.06, "{found}, mis: {expected}");
@@ -175,7 +175,7 @@ fn the_stability_suite_writes_a_table_and_a_page() {
     assert!(said.contains("noon_grass: not run; give --maps DIR"), "{said}");
     let files = ["regimes", "regimes.svg", "stability.csv", "stability.html"];
     assert_eq!(names(&path.join("suite")), files);
-    // The regimes are kept: what is printed are the same rows.
+    // The regimes are cached: the same rows are printed.
     let said = succeed(path, "stability --quick --only constant --only noon --json --out suite");
     let rows: Vec<serde_json::Value> = serde_json::from_str(&said).unwrap();
     let head = rows.iter().find(|row| row["regime"] == "constant map" && row["method"] == "head").unwrap();

@@ -1,4 +1,4 @@
-//! Sweeps: what is done once and what is left after kills, failures and signals.
+//! Sweeps: trials run once, and survive kills, failures and signals.
 
 use std::{
     collections::BTreeMap,
@@ -29,7 +29,7 @@ seed = [0, 1]
 over = ["seed"]
 "#;
 
-/// The rows of a table by their trials, without columns of times.
+/// Returns the rows of a table by trial, without columns of times.
 fn rows(here: &Path, out: &str) -> BTreeMap<String, Vec<String>> {
     succeed(here, &format!("sweep collect space.toml --out {out}"));
     let mut reader = csv::Reader::from_path(here.join(out).join("trials.csv")).unwrap();
@@ -42,14 +42,14 @@ fn rows(here: &Path, out: &str) -> BTreeMap<String, Vec<String>> {
     records.map(row).collect()
 }
 
-/// All journals, one after the other; empty where there are none yet.
+/// Returns all journals concatenated; empty if there are none.
 fn journals(sweep: &Path) -> String {
     let entries = fs::read_dir(sweep.join("journal")).into_iter().flatten();
-    // A kill may have left a line without its end.
+    // A kill can leave an incomplete line.
     entries.map(|entry| fs::read_to_string(entry.unwrap().path()).unwrap_or_default() + "\n").collect()
 }
 
-/// A number of journal lines with this event.
+/// Returns the number of journal lines with this event.
 fn events(sweep: &Path, event: &str) -> usize {
     journals(sweep).matches(&format!("\"event\":\"{event}\"")).count()
 }
@@ -64,7 +64,7 @@ fn start(here: &Path, out: &str) -> Child {
 
 #[cfg(target_os = "linux")]
 fn signal(process: u32, name: &str) {
-    // It may have ended by itself meanwhile.
+    // The process may have ended.
     let _ = Command::new("kill").args([name, &process.to_string()]).stderr(Stdio::null()).status().unwrap();
 }
 
@@ -74,7 +74,7 @@ fn children(process: u32) -> Vec<u32> {
     text.split_whitespace().filter_map(|id| id.parse().ok()).collect()
 }
 
-/// Numbers that look random, from a seed.
+/// Pseudorandom numbers from a seed.
 struct Numbers(u64);
 
 impl Numbers {
@@ -85,7 +85,7 @@ impl Numbers {
 }
 
 #[test]
-fn a_sweep_does_everything_once_and_a_changed_one_what_is_new() {
+fn sweeps_run_each_trial_once_and_changed_sweeps_only_new_ones() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("space.toml"), SPACE).unwrap();
@@ -104,7 +104,7 @@ fn a_sweep_does_everything_once_and_a_changed_one_what_is_new() {
     let row = &collected[0];
     assert!(row["state"] == "done" && row["measures"]["relative_variance"].as_f64().is_some(), "{row}");
 
-    // A trial is the run that its command makes.
+    // A trial equals the run of its command.
     let id = rows(path, "space.sweep").into_keys().next().unwrap();
     succeed(path, &format!("fit --config space.sweep/trials/{id}/resolved.toml --out again"));
     let bytes = |file: &Path| fs::read(file.join("sampler.safetensors")).unwrap();
@@ -112,7 +112,7 @@ fn a_sweep_does_everything_once_and_a_changed_one_what_is_new() {
 }
 
 #[test]
-fn a_failed_trial_is_named_and_tried_again_when_asked() {
+fn failed_trials_are_named_and_retried_on_request() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("space.toml"), SPACE.replace("head.bins = [4, 8]", "env = ['studio', 'none.hdr']")).unwrap();
@@ -129,7 +129,7 @@ fn a_failed_trial_is_named_and_tried_again_when_asked() {
 }
 
 #[test]
-fn a_trial_is_known_by_what_its_map_shows_and_not_by_its_name() {
+fn trials_are_identified_by_map_contents() {
     let here = folder();
     let path = here.path();
     let map = |name: &str, value: u8| fs::write(path.join(name), super::radiance_file(8, 4, value, value)).unwrap();
@@ -160,7 +160,7 @@ fn program(folder: &Path, name: &str, prints: &str) {
 
 #[cfg(unix)]
 #[test]
-fn the_status_of_a_sent_sweep_says_what_slurm_says() {
+fn status_of_submitted_sweeps_reports_slurm_states() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("space.toml"), SPACE).unwrap();
@@ -168,7 +168,7 @@ fn the_status_of_a_sent_sweep_says_what_slurm_says() {
     fs::write(path.join("space.sweep/slurm.jsonl"), "{\"job\":\"31\",\"tasks\":4}\n").unwrap();
     let programs = folder();
     program(programs.path(), "squeue", "31_2|RUNNING\n31_3|PENDING");
-    // As `sacct` has it: those that wait are one line.
+    // In the format of `sacct`: pending tasks are one line.
     program(programs.path(), "sacct", "31_0|COMPLETED|0:0\n31_1|TIMEOUT|0:1\n31_[2-3%2]|PENDING|0:0");
     let status = |options: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headtail"));
@@ -188,7 +188,7 @@ fn the_status_of_a_sent_sweep_says_what_slurm_says() {
 }
 
 #[test]
-fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
+fn halving_resumes_checkpoints_and_search_runs_its_count() {
     let here = folder();
     let path = here.path();
     let space = SPACE.replace("steps = 400\n", "").replace("head.bins = [4, 8]\n", "head.bins = [4, 6, 8]\n")
@@ -196,7 +196,8 @@ fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
     fs::write(path.join("space.toml"), &space).unwrap();
     succeed(path, "sweep run space.toml --jobs 2 --threads 1");
     let done = rows(path, "space.sweep").values().filter(|row| row.contains(&"state=done".to_owned())).count();
-    // Six configurations of two seeds: at least three and one go on; nobody waits, so others may have been ahead for a while.
+    // Six configurations of two seeds, of which at least three and one are promoted. Promotion does not wait,
+    // so others can be promoted early.
     assert!((2..=6).contains(&done), "{done}");
     let sweep = path.join("space.sweep");
     let lines = journals(&sweep);
@@ -209,14 +210,14 @@ fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
     assert_eq!(events(&path.join("tpe"), "suggested"), 13);
     assert_eq!(rows(path, "tpe").len(), 26);
 
-    // Both: the configurations are made as the sweep goes, and only some of them go on.
+    // Both: configurations are generated during the sweep, and only some are promoted.
     let both = space.replace("steps = 400\n", "") + "[halving]\nrungs = [10, 20, 40]\nkeep = 3\n";
     fs::write(path.join("space.toml"), both).unwrap();
     succeed(path, "sweep run space.toml --out both --jobs 2 --threads 1");
     let sweep = path.join("both");
     assert_eq!((events(&sweep, "suggested"), events(&sweep, "failed")), (13, 0));
     let rungs = |step: usize| journals(&sweep).matches(&format!("\"step\":{step},\"measures\"")).count();
-    // Two seeds each. One of three is promoted; those that went on early may be no longer among the best third.
+    // Two seeds each. One in three is promoted; those promoted early may no longer be in the best third.
     assert!(rungs(10) == 26 && (8..26).contains(&rungs(20)), "{} {}", rungs(10), rungs(20));
     assert!((2..=rungs(20)).contains(&events(&sweep, "done")), "{}", events(&sweep, "done"));
     succeed(path, "sweep run space.toml --out both");
@@ -224,7 +225,7 @@ fn halving_goes_on_from_checkpoints_and_search_makes_its_number() {
 }
 
 #[test]
-fn mistakes_are_one_sentence() {
+fn sweep_errors_are_one_line() {
     let here = folder();
     let path = here.path();
     assert!(fail(path, "sweep plan space.toml").contains("space.toml"));
@@ -250,7 +251,7 @@ fn an_interrupted_sweep_leaves_checkpoints_and_its_exit_status() {
         let mut process = start(path, "out");
         wait(|| !children(process.id()).is_empty() && checkpoints(&path.join("out")) > 0);
         if name == "-INT" {
-            // Without a terminal, a line says how far it is; meanwhile, workers need no processor.
+            // Without a terminal, a progress line is printed; workers are stopped meanwhile.
             let workers = children(process.id());
             workers.iter().for_each(|&worker| signal(worker, "-STOP"));
             let said = || fs::read_to_string(path.join("messages")).unwrap();
@@ -297,7 +298,7 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     let steps = || last_checkpoints(&path.join("killed")).iter().map(|(_, step)| step).sum::<u64>();
     while kills < 20 {
         sleep(Duration::from_millis(10 + numbers.below(60)));
-        // Now and then there is something to go on from, however slow the machine is.
+        // Every fifth time, waits for a checkpoint to resume from on slow machines.
         let (before, since) = (steps(), Instant::now());
         while kills % 5 == 4 && steps() <= before && process.try_wait().unwrap().is_none() {
             let messages = fs::read_to_string(path.join("messages")).unwrap();
@@ -330,7 +331,7 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     assert!(left.status.success(), "{}", text(&left.stderr));
     succeed(path, "sweep run space.toml --out killed --jobs 2 --threads 1");
     assert_eq!(rows(path, "whole"), rows(path, "killed"));
-    // Whoever took a trial up again went on from its last checkpoint or a later one.
+    // Resumed trials continue from their last checkpoint or a later one.
     let lines = journals(&path.join("killed"));
     let starts = lines.lines().filter_map(|line| serde_json::from_str::<serde_json::Value>(line).ok());
     let starts: Vec<_> = starts.filter(|line| line["event"] == "started").collect();
@@ -346,13 +347,13 @@ fn twenty_kills_of_workers_and_of_the_parent_change_nothing() {
     assert!(resumed > 0, "no trial was taken up again");
 }
 
-/// The step of the last checkpoint of each trial that has one.
+/// Returns the step of the last checkpoint of each trial that has one.
 #[cfg(target_os = "linux")]
 fn last_checkpoints(sweep: &Path) -> Vec<(String, u64)> {
     let step = |entry: &fs::DirEntry| entry.file_name().to_str()?.strip_prefix("step-")?.parse::<u64>().ok();
     let last = |trial: &fs::DirEntry| {
         let entries = fs::read_dir(trial.path().join("checkpoints")).ok()?;
-        // Old ones are removed meanwhile.
+        // Old ones are removed concurrently.
         entries.filter_map(|entry| step(&entry.ok()?)).max()
     };
     let trials = fs::read_dir(sweep.join("trials")).into_iter().flatten().map(Result::unwrap);

@@ -8,7 +8,7 @@ use std::{fs, path::Path};
 use super::text;
 use super::{folder, succeed, sweep::SPACE};
 
-/// What the page of a sweep draws from.
+/// The data of a sweep's page.
 fn page_data(page: &Path) -> serde_json::Value {
     let text = fs::read_to_string(page).unwrap();
     let json = text.split_once("type=\"application/json\">").unwrap().1.split_once("</script>").unwrap().0;
@@ -17,13 +17,13 @@ fn page_data(page: &Path) -> serde_json::Value {
 
 #[cfg(unix)]
 #[test]
-fn the_commands_and_links_of_a_page_that_lies_elsewhere_work() {
+fn commands_and_links_of_moved_pages_work() {
     let here = folder();
     let path = here.path();
     fs::write(path.join("room.hdr"), super::radiance_file(8, 4, 128, 128)).unwrap();
     let space = SPACE.replace("env = \"studio\"", "env = \"room.hdr\"").replace("steps = 400", "steps = 20");
     fs::write(path.join("space.toml"), space.replace("seed = [0, 1]", "seed = [0]")).unwrap();
-    // A name that a shell and an address take apart.
+    // A name with characters that are special in shells and addresses.
     let run = |action: &str, more: &[&str]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_headtail"));
         command.args(["sweep", action, "space.toml", "--out", "my sweep#1"]).args(more);

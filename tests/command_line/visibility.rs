@@ -1,4 +1,4 @@
-//! `headtail bake --visibility`, and what uses its file.
+//! `headtail bake --visibility` and the use of its file.
 
 use std::fs;
 
@@ -7,7 +7,7 @@ use super::{after_header, fail, headtail, info, succeed};
 const VIEW: &str = "--scene bedroom --env window --width 64 --height 48";
 
 #[test]
-fn visibility_is_learned_gone_on_with_rendered_and_shown() {
+fn visibility_is_trained_continued_rendered_and_shown() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let said = succeed(at, &format!("bake --visibility {VIEW} --spp 2 --out seen"));
@@ -19,7 +19,7 @@ fn visibility_is_learned_gone_on_with_rendered_and_shown() {
     let took = |name: &str| info(at, name)["seconds of learning"].as_f64().unwrap();
     succeed(at, &format!("bake --visibility {VIEW} --spp 2 --resume seen --out more"));
     assert!(fs::metadata(at.join("more")).unwrap().len() >= fs::metadata(at.join("seen")).unwrap().len());
-    // What is gone on with counts.
+    // The count includes the training that is continued.
     assert!(took("seen") > 0.0 && took("more") > took("seen"), "{} {}", took("seen"), took("more"));
     succeed(at, &format!("compare {VIEW} --samplers patches+vis:more --spp 1 --runs 1 --reference-spp 1 --out both"));
     let page = fs::read_to_string(at.join("both/report.html")).unwrap();
@@ -34,7 +34,7 @@ fn visibility_is_learned_gone_on_with_rendered_and_shown() {
 }
 
 #[test]
-fn mistakes_with_visibility_get_a_sentence() {
+fn visibility_errors_are_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     succeed(at, &format!("bake --visibility {VIEW} --spp 1 --out seen"));

@@ -1,4 +1,4 @@
-//! Small good inputs, made here.
+//! Small valid inputs, generated here.
 
 use std::{
     fs,
@@ -31,7 +31,7 @@ use headtail_render::{
 };
 use headtail_train::{CheckpointFolder, FitConfig, Run, Viewpoints, build_target, exported_sampler, fit_with};
 
-/// A small picture without structure.
+/// A small picture of arbitrary values.
 fn picture(width: usize, height: usize) -> Image {
     let value = |k: usize| ((k * 37) % 19) as f32 * 0.25;
     Image { width, height, pixels: (0..width * height).map(|k| [value(k), value(k + 7), value(3 * k)]).collect() }
@@ -55,7 +55,7 @@ pub fn radiance() -> Vec<Vec<u8>> {
     vec![flat, coded]
 }
 
-/// OpenEXR files of every compression that can be written, tiles, and several layers.
+/// OpenEXR files: every compression that can be written, tiles, and several layers.
 pub fn openexr() -> Vec<Vec<u8>> {
     use Compression::{B44, DWAA, DWAB, PIZ, PXR24, RLE, Uncompressed, ZIP1, ZIP16};
     let image = picture(12, 9);
@@ -83,7 +83,7 @@ pub fn openexr() -> Vec<Vec<u8>> {
     files
 }
 
-/// A triangle with a texture as `.glb`, another file of rarer parts, and the first one as `.gltf`.
+/// A textured triangle as `.glb`, a file of rarer features, and the first one as `.gltf`.
 pub fn gltf() -> Vec<Vec<u8>> {
     let mut bin = Vec::new();
     for value in [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0] {
@@ -145,17 +145,17 @@ const RARE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0
 "bufferViews":[{"buffer":0,"byteLength":128},{"buffer":0,"byteOffset":128,"byteLength":12}],
 "buffers":[{"byteLength":140}]}"#;
 
-/// Numbers that serve as positions, weights and matrices, then joints and an index.
+/// Numbers for positions, weights and matrices, then joints and an index.
 fn rare_numbers() -> Vec<u8> {
     let number = |k: u32| if k.is_multiple_of(5) { 1.0 } else { 0.25 * (k * 7 % 4) as f32 };
     (0..32).flat_map(|k| number(k).to_le_bytes()).chain([1, 0, 1, 0, 0, 1, 0, 0, 1, 1, 0, 0]).collect()
 }
 
-/// What is seen in a scene, in few cells.
+/// Precomputed visibility of a scene, with few cells.
 pub fn visibility(folder: &Path) -> Vec<u8> {
     let environment = Arc::new(built_in("overcast").unwrap());
     let scene = Scene::built_in("plane").unwrap();
-    // Enough for some ten cells.
+    // Enough rays for about ten cells.
     let estimator = LearnedVisibility::new(environment.clone(), Detail::Leaves, 60_000).unwrap();
     let camera = scene.camera();
     let (scene, camera, environment) = (&scene, &camera, &*environment);
@@ -171,7 +171,7 @@ pub fn measured() -> Vec<u8> {
     (0..2 * 675).flat_map(|k| (((k * 37) % 19) as f32 * 0.01 - 0.09).to_le_bytes()).collect()
 }
 
-/// Layers of networks with small weights.
+/// Network layers with small weights.
 fn layers(sizes: &[usize]) -> Vec<Linear> {
     let weight = |k: usize| ((k * 37) % 19) as f32 * 0.01 - 0.09;
     let layer = |size: &[usize]| {
@@ -181,7 +181,7 @@ fn layers(sizes: &[usize]) -> Vec<Linear> {
     sizes.windows(2).map(layer).collect()
 }
 
-/// Samplers that were trained for materials, of every kind.
+/// Published samplers trained for materials, of every kind.
 pub fn rivals(folder: &Path) -> Vec<Vec<u8>> {
     let file = |kind: RivalKind| {
         let networks = kind.networks().iter().map(|(_, sizes)| layers(sizes)).collect();
@@ -213,7 +213,7 @@ pub fn fspy() -> Vec<Vec<u8>> {
     vec![FspyProject { camera, width: 640, height: 480, image }.encode(UpAxis::Z)]
 }
 
-/// Settings of a training that takes no time.
+/// Settings of an instant training.
 pub fn config() -> FitConfig {
     let head = HeadConfig { bins: 4, hidden: 4, ..HeadConfig::COSINE };
     FitConfig {
@@ -227,7 +227,7 @@ pub fn config() -> FitConfig {
     }
 }
 
-/// A head and a table as exported files; the state of a checkpoint; and the number of its weights.
+/// Returns a head and a table as exported files, the state of a checkpoint, and its number of weights.
 pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, Vec<u8>, usize) {
     let map = Environment::from_image("small", picture(16, 8)).unwrap();
     let config = config();
@@ -250,7 +250,7 @@ pub fn trained(folder: &Path) -> (Vec<Vec<u8>>, Vec<u8>, usize) {
     (vec![encode(&head), encode(&table)], checkpoint, fitted.head.weight_count())
 }
 
-/// Settings as TOML, and single assignments.
+/// Settings as TOML, and individual assignments.
 pub fn toml() -> Vec<Vec<u8>> {
     vec![
         config().to_toml().unwrap().into_bytes(),

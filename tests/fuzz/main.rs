@@ -1,7 +1,9 @@
-//! Files and texts from outside, changed at random: each is taken or refused by an error, in bounded memory and without a panic.
+//! Randomly mutated files and texts: each is accepted or rejected with an error, in bounded memory and
+//! without a panic.
 //!
-//! The inputs are a function of their number, so that a failure can be repeated: its message has the number, and the input is left in a file.
-//! `HEADTAIL_FUZZ_INPUTS` sets how many there are for each reader (2000 by default), `HEADTAIL_FUZZ_FIRST` the number of the first.
+//! Inputs are a function of their index, so that failures can be reproduced: the message states the index,
+//! and the input is left in a file. `HEADTAIL_FUZZ_INPUTS` sets the number of inputs per reader (2000 by
+//! default), `HEADTAIL_FUZZ_FIRST` the first index.
 
 mod corpus;
 mod memory;
@@ -31,8 +33,8 @@ use mutation::Mutation;
 #[global_allocator]
 static ALLOCATOR: memory::Counting = memory::Counting;
 
-/// What reading an input may take. The inputs have 64 KiB at most; compressed ones are a thousandth of what they hold at best, and a picture of
-/// the largest size would be 1.6 GB.
+/// Memory limit per input. Inputs have at most 64 KiB and compress by at most 1000:1; a picture of the
+/// largest size would take 1.6 GB.
 const MOST_BYTES: usize = 256 << 20;
 
 const SEED: u64 = 0xf022;
@@ -41,7 +43,7 @@ fn number_of(variable: &str, default: u64) -> u64 {
     std::env::var(variable).map_or(default, |text| text.parse().expect(variable))
 }
 
-/// Gives a reader its inputs. `read` says whether it has taken one.
+/// Runs a reader on its inputs. `read` returns whether an input was accepted.
 fn fuzz(name: &str, inputs: &[Vec<u8>], read: impl Fn(&Path, &[u8]) -> bool) {
     let folder = tempfile::tempdir_in(if Path::new("/dev/shm").is_dir() { "/dev/shm" } else { "." }).unwrap();
     let path = folder.path().join(name);
@@ -49,7 +51,7 @@ fn fuzz(name: &str, inputs: &[Vec<u8>], read: impl Fn(&Path, &[u8]) -> bool) {
         fs::write(&path, input).unwrap();
         !read(&path, input)
     });
-    // Some are made to be unusual.
+    // Some inputs of the corpus are invalid on purpose.
     let refused = refused.count();
     assert!(2 * refused <= inputs.len(), "{name}: {refused} of {} inputs of the corpus are refused", inputs.len());
     let (count, first) = (number_of("HEADTAIL_FUZZ_INPUTS", 2000), number_of("HEADTAIL_FUZZ_FIRST", 0));
@@ -77,12 +79,12 @@ fn keep(name: &str, number: u64, bytes: &[u8]) -> PathBuf {
 
 // One test, since the allocator counts for the whole process.
 #[test]
-fn no_input_makes_a_reader_panic_or_take_much_memory() {
+fn readers_neither_panic_nor_exceed_memory_limits() {
     let only = std::env::var("HEADTAIL_FUZZ_ONLY").unwrap_or_default();
     let is_wanted = |name: &str| name.contains(&only);
     let image = |path: &Path, _: &[u8]| {
         let taken = read_radiance(path).is_ok();
-        // The header alone may be right where pixels are not.
+        // The header can be valid even if pixels are not.
         let _ = text_attributes(path);
         taken
     };
@@ -97,7 +99,7 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
     if is_wanted("gltf") {
         let [glb, rare, gltf] = <[Vec<u8>; 3]>::try_from(corpus::gltf()).unwrap();
         fuzz("gltf.glb", &[glb, rare], |path, _| Scene::load(path).is_ok());
-        // The buffer is too short for the accessors: it is refused as it is.
+        // The buffer is too short for the accessors, so the original is rejected.
         fuzz("gltf.gltf", &[gltf], |path, bytes| Scene::load(path).is_ok() || bytes.starts_with(b"{\"asset"));
     }
     if is_wanted("sampler") {
@@ -140,7 +142,7 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
         let read = |_: &Path, bytes: &[u8]| {
             let text = String::from_utf8_lossy(bytes);
             let sampler = text.parse::<SamplerSpec>();
-            // What is understood is written as what is understood.
+            // Accepted specs are printed in a form that parses to the same.
             if let Ok(spec) = &sampler {
                 assert!(spec.to_string().parse::<SamplerSpec>().is_ok_and(|again| again == *spec), "{text}");
             }
@@ -153,8 +155,8 @@ fn no_input_makes_a_reader_panic_or_take_much_memory() {
     }
 }
 
-/// Checkpoints end with a checksum: most of the inputs get a new one, so that what is behind it is
-/// reached. The header is changed alone, too.
+/// Checkpoints end with a checksum. Most inputs get a new one, so that later checks are reached; the header
+/// is also mutated alone.
 fn fuzz_checkpoints(made: &Path, checkpoint: &[u8], weights: usize) {
     const ENTRY: &str = "headtail_state";
     let config = corpus::config();

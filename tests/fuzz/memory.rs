@@ -1,19 +1,18 @@
-//! An allocator that knows how much is taken, and refuses more than an input may take.
+//! An allocator that tracks memory use and refuses more than a limit.
 
 use std::{
     alloc::{GlobalAlloc, Layout, System},
     sync::atomic::{AtomicUsize, Ordering::Relaxed},
 };
 
-/// Counts what the process has taken.
+/// Counts the bytes allocated by the process.
 pub struct Counting;
 
 static TAKEN: AtomicUsize = AtomicUsize::new(0);
 static PEAK: AtomicUsize = AtomicUsize::new(0);
 static LIMIT: AtomicUsize = AtomicUsize::new(usize::MAX);
 
-/// The most bytes that were taken at once during some work, beyond those before it. More than `limit` ends the process, as an
-/// exhausted memory does.
+/// Returns the peak of bytes allocated by `work`. Exceeding `limit` ends the process, like exhausted memory.
 pub fn peak_of(limit: usize, work: impl FnOnce()) -> usize {
     let before = TAKEN.load(Relaxed);
     PEAK.store(before, Relaxed);
@@ -33,13 +32,14 @@ fn take(size: usize) -> bool {
     true
 }
 
-// SAFETY: every call is the system allocator's with the same arguments, or a null pointer, which means that there is no memory.
+// SAFETY: every call forwards the same arguments to the system allocator, or returns null, which means out of
+// memory.
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         if !take(layout.size()) {
             return std::ptr::null_mut();
         }
-        // SAFETY: the caller's.
+        // SAFETY: upheld by the caller.
         unsafe { System.alloc(layout) }
     }
 
@@ -47,13 +47,13 @@ unsafe impl GlobalAlloc for Counting {
         if !take(layout.size()) {
             return std::ptr::null_mut();
         }
-        // SAFETY: the caller's.
+        // SAFETY: upheld by the caller.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         TAKEN.fetch_sub(layout.size(), Relaxed);
-        // SAFETY: the caller's.
+        // SAFETY: upheld by the caller.
         unsafe { System.dealloc(pointer, layout) }
     }
 }

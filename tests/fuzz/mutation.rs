@@ -1,8 +1,8 @@
-//! Inputs that are almost right: those of a corpus with a few changes, a function of a seed.
+//! Nearly valid inputs: a corpus with a few mutations, as a function of a seed.
 
 use headtail_render::random::{Purpose, Stream};
 
-/// Sizes at which things go wrong.
+/// Boundary values of sizes.
 const NUMBERS: [u64; 14] = [
     0,
     1,
@@ -20,7 +20,7 @@ const NUMBERS: [u64; 14] = [
     0x7fc0_0000,
     0x7ff0_0000_0000_0000,
 ];
-/// Words that texts are broken with.
+/// Words that are inserted into texts.
 const WORDS: [&str; 20] = [
     "-1",
     "0",
@@ -43,24 +43,24 @@ const WORDS: [&str; 20] = [
     "\u{1b}[2J",
     "\u{1f600}",
 ];
-/// The largest input, so that a run of duplications ends.
+/// Maximum size of an input, which bounds repeated duplication.
 const LARGEST: usize = 1 << 16;
 
-/// A source of changes.
+/// A source of mutations.
 pub struct Mutation(Stream);
 
 impl Mutation {
-    /// That of an input.
+    /// Mutations of an input.
     pub fn new(seed: u64, input: u64) -> Self {
         Self(Stream::new(seed, Purpose::Bake, input))
     }
 
-    /// A number below `end`; 0 where that is 0.
+    /// Returns a number below `end`; 0 if `end` is 0.
     pub fn below(&mut self, end: usize) -> usize {
         ((self.0.uniform() * end as f32) as usize).min(end.saturating_sub(1))
     }
 
-    /// An input of the corpus with one to six changes; `splice` is another one to take parts of.
+    /// Returns an input of the corpus with one to six mutations.
     pub fn of(&mut self, corpus: &[Vec<u8>]) -> Vec<u8> {
         let mut bytes = corpus[self.below(corpus.len())].clone();
         for _ in 0..=self.below(6) {
@@ -72,7 +72,7 @@ impl Mutation {
     }
 
     fn change(&mut self, bytes: &mut Vec<u8>, other: &[u8]) {
-        // Headers and tables of contents are in front.
+        // Headers and tables of contents come first.
         let reach = if self.below(2) == 0 { bytes.len().min(400) } else { bytes.len() };
         let at = self.below(reach);
         match self.below(10) {
@@ -101,7 +101,7 @@ impl Mutation {
         }
     }
 
-    /// Writes a number over 1, 2, 4 or 8 bytes.
+    /// Overwrites 1, 2, 4 or 8 bytes with a number.
     fn number(&mut self, bytes: &mut [u8], at: usize) {
         let number = NUMBERS[self.below(NUMBERS.len())];
         let width = 1 << self.below(4);
@@ -110,7 +110,7 @@ impl Mutation {
         bytes[at..end].copy_from_slice(&text[..end - at]);
     }
 
-    /// Replaces the next number that is written in digits.
+    /// Replaces the next decimal number.
     fn decimal(&mut self, bytes: &mut Vec<u8>, at: usize) {
         let is_digit = |byte: &u8| byte.is_ascii_digit();
         let Some(start) = bytes[at..].iter().position(is_digit).map(|offset| at + offset) else { return };

@@ -1,11 +1,11 @@
-"""An outside judge: renders one scene with Mitsuba 3 and with headtail, and asks whether the images have the same mean.
+"""Renders one scene with Mitsuba 3 and with headtail, and tests whether the images have the same mean.
 
     python tests/mitsuba/cross_check.py --headtail target/release/headtail
     python tests/mitsuba/cross_check.py --headtail target/release/headtail --scene temple.glb --env room.hdr --benchmark
 
 Same triangles, camera, map and material; direct light only; a box filter. Every tile of the image is compared by Welch's t-test over
-the runs; the chance that equal renderers fail is 1 %. Exit status: 0 if the images agree, 3 if they differ, anything else if they
-could not be compared. --benchmark adds the time to equal error, and rays per second of whole renderings and of
+the runs; equal renderers fail with a probability of 1 %. Exit status: 0 if the images agree, 3 if they differ, other values
+if they cannot be compared. --benchmark adds the time to equal error, and rays per second of whole renderings and of
 the ray tracers alone."""
 
 import argparse
@@ -25,7 +25,7 @@ import rays
 import scene
 
 SIGNIFICANCE = 0.01
-# Exit status of images that differ: an uncaught exception is 1, wrong arguments are 2.
+# Exit status of differing images; an uncaught exception is 1, invalid arguments are 2.
 DIFFERENT = 3
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
@@ -48,7 +48,7 @@ def arguments():
 
 
 def sky(path):
-    """A smooth sky over darker ground, with a lamp 400 times as bright."""
+    """Writes a smooth sky over darker ground, with a lamp 400x as bright."""
     height, width = 32, 64
     v, u = np.meshgrid(np.linspace(0, 1, height), (np.arange(width) + 0.5) / width, indexing="ij")
     base = np.where(v < 0.5, 1.0 - v, 0.25)[..., None] * [0.7, 0.85, 1.0] * (1 + 0.3 * np.sin(2 * np.pi * u))[..., None]
@@ -57,7 +57,7 @@ def sky(path):
 
 
 def camera(vertices, faces):
-    """(from, at, vertical field of view): a view from above on all but the ground."""
+    """Returns (from, at, vertical field of view) of a view from above on everything but the ground."""
     things = vertices[:-4]
     low, high = things.min(0), things.max(0)
     center, size = (low + high) / 2, np.linalg.norm(high - low)
@@ -116,7 +116,7 @@ class Mitsuba:
         return image[..., :3], time.perf_counter() - start
 
     def coverage(self, width, height):
-        """Share of pixel centres that see a surface."""
+        """Returns the fraction of pixel centres that see a surface."""
         sensor = self.scene.sensors()[0]
         y, x = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width, indexing="ij")
 
@@ -130,7 +130,7 @@ class Mitsuba:
 
 
 class Headtail:
-    """The program, with the files that it reads and writes in a folder."""
+    """The program, with its files in a folder."""
 
     def __init__(self, options, folder, map_file, view, height):
         origin, target, fov = view
@@ -156,7 +156,7 @@ class Headtail:
 
 
 def tile_means(images, edge):
-    """[runs, tiles] mean luminance."""
+    """Returns [runs, tiles] mean luminance."""
     luminance = np.stack(images) @ LUMINANCE
     runs, height, width = luminance.shape
     rows, columns = height // edge, width // edge
@@ -165,10 +165,11 @@ def tile_means(images, edge):
 
 
 def judge(theirs, ours, edge):
-    """Welch's test in every tile, the threshold corrected after Šidák; True if no tile differs."""
+    """Applies Welch's test to every tile, with the threshold corrected after Šidák; True if no tile
+    differs."""
     a, b = tile_means(theirs, edge), tile_means(ours, edge)
     p = stats.ttest_ind(a, b, axis=0, equal_var=False).pvalue
-    # Tiles without any noise, all sky: equal to rounding.
+    # Tiles without noise, which show only sky, must be equal to rounding.
     flat = (a.std(0) < 1e-6 * a.mean(0)) & (b.std(0) < 1e-6 * b.mean(0))
     p = np.where(flat, np.where(np.isclose(a.mean(0), b.mean(0), rtol=1e-4), 1.0, 0.0), p)
     threshold = 1 - (1 - SIGNIFICANCE) ** (1 / p.size)
@@ -182,11 +183,13 @@ def judge(theirs, ours, edge):
 
 
 def benchmark(options, theirs, ours, times, shadow_rays, coverage):
-    """Rays per second and the time to equal error, over all runs; errors against the mean of all images of both."""
+    """Prints rays per second and the time to equal error over all runs; errors are against the mean of all
+    images of both."""
     pixels = theirs[0].shape[0] * theirs[0].shape[1]
-    # Mitsuba traces a shadow ray and a BSDF ray at each hit (the integrator does not say how many it spares).
+    # Mitsuba traces a shadow ray and a BSDF ray at each hit (the integrator does not report how many it
+    # skips).
     per_sample = {"Mitsuba": 1 + 2 * coverage, "headtail": 1 + shadow_rays * coverage}
-    # Leaving a run out of the reference that it is measured against keeps the error unbiased up to the reference's own.
+    # Excluding a run from its own reference keeps the error unbiased up to the reference's error.
     everything = np.stack(theirs + ours).sum(0)
     count = len(theirs) + len(ours)
     ttuv = {}

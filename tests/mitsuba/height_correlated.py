@@ -1,7 +1,7 @@
-"""A rough mirror whose masking-shadowing is height-correlated (Heitz 2014, eq. 99), as ours is.
+"""A rough mirror whose masking-shadowing is height-correlated (Heitz 2014, eq. 99), as in headtail.
 
 Mitsuba's `roughconductor` multiplies the masking of both directions as if they were independent. The lobe, its sampling and its
-pdf are taken from there; only that factor is exchanged."""
+pdf are reused; only that factor is replaced."""
 
 import drjit as dr
 import mitsuba as mi

@@ -1,4 +1,5 @@
-"""How many rays per second Mitsuba's ray tracer (Embree) and headtail's trace, apart from everything else of a renderer."""
+"""Measures rays per second of Mitsuba's ray tracer (Embree) and of headtail's, without the rest of the
+renderers."""
 
 import re
 import subprocess
@@ -11,7 +12,7 @@ REPEATS = 6
 
 
 def rate(work, rays):
-    """Millions of rays per second, the best of some repeats."""
+    """Returns millions of rays per second, the best of several repeats."""
     best = float("inf")
     for _ in range(REPEATS):
         start = time.perf_counter()
@@ -22,7 +23,8 @@ def rate(work, rays):
 
 
 def of_embree(scene, width, height, spp):
-    """(camera rays, shadow rays of cosine-distributed directions), in millions per second; for variants with arrays."""
+    """Returns (camera rays, shadow rays of cosine-distributed directions) in millions per second; for
+    variants with arrays."""
     count = width * height * spp
     index, random = dr.arange(mi.UInt32, count) // spp, mi.PCG32(size=count)
     place = mi.Point2f(
@@ -44,7 +46,8 @@ def of_embree(scene, width, height, spp):
 
 
 def of_headtail(command, pixels, spp, coverage, threads):
-    """The same of `headtail render` with cosine sampling, from its timings; camera rays with what they hit or miss."""
+    """Returns the same for `headtail render` with cosine sampling, from its timings; camera rays include the
+    lookup of surface or background."""
     best = [0.0, 0.0]
     for _ in range(REPEATS):
         done = subprocess.run(command + ["--spp", str(spp), "--sampler", "cosine", "--points", "independent", "--timings"], capture_output=True, text=True, check=True)

@@ -1,6 +1,6 @@
-"""Triangles for both renderers: a small scene made here, or those of a .glb file, written back without normals.
+"""Triangles for both renderers: a small generated scene, or those of a .glb file, written without normals.
 
-Without normals both renderers shade flat: how each bends interpolated normals at silhouettes is its own affair."""
+Without normals both renderers shade flat; they treat interpolated normals at silhouettes differently."""
 
 import json
 import struct
@@ -68,7 +68,7 @@ def read_glb(path):
 
 
 def write_glb(path, vertices, faces):
-    """One mesh of positions and indices."""
+    """Writes one mesh of positions and indices."""
     positions, indices = vertices.astype("<f4").tobytes(), faces.astype("<u4").tobytes()
     binary = positions + indices
     document = {

@@ -1,11 +1,11 @@
 #!/usr/bin/env bash
-# A sweep under a real Slurm on this machine: an array of four tasks, three at once, of which two are told to stop, one by SIGUSR1 and one by
-# SIGTERM, and are queued again, against the same sweep run locally; a task with failed trials; and what `sweep status` says while there is a
-# queue, and by Slurm's accounts alone once there is none. The daemons are started here, in a folder that is removed in the end. Without slurmdbd
-# and MariaDB there are no accounts, and that part is skipped, aloud.
+# Runs a sweep under a real Slurm on this machine: an array of four tasks, three at once, of which two are stopped (one by
+# SIGUSR1, one by SIGTERM) and requeued, compared with the same sweep run locally; a task with failed trials; and the
+# output of `sweep status` with a queue, and from Slurm's accounts without one. The daemons run in a temporary folder.
+# Without slurmdbd and MariaDB there are no accounts, and that part reports a skip.
 #
 # bash tests/slurm/run.sh HEADTAIL
-# Exit status 3 says that Slurm's daemons do not start here, which is not a fault of the sweep.
+# Exit status 3 means that Slurm's daemons do not start on this machine, which is not a fault of the sweep.
 set -euo pipefail
 headtail="$(realpath "$1")"
 here="$(mktemp -d)"
@@ -13,7 +13,7 @@ daemons=()
 finish() {
     for pid in "${daemons[@]}"; do kill "$pid" 2>/dev/null || true; done
     for pid in "${daemons[@]}"; do wait "$pid" 2>/dev/null || true; done
-    # The steps of a job outlive the daemons for a moment.
+    # The steps of a job briefly outlive the daemons.
     rm -rf "$here" 2>/dev/null || { sleep 3; rm -rf "$here"; }
 }
 trap finish EXIT
@@ -22,7 +22,7 @@ mkdir state spool
 export SLURM_CONF="$here/slurm.conf"
 host="$(hostname -s)"
 
-# Accounts: a database that is reached through a socket in this folder alone, and the daemon that writes to it.
+# Accounts: a database on a socket in this folder, and the daemon that writes to it.
 accounting="AccountingStorageType=accounting_storage/none"
 start_accounts() {
     local program port=$((40000 + RANDOM % 10000))
@@ -53,7 +53,7 @@ CONF
     accounting="AccountingStorageType=accounting_storage/slurmdbd
 AccountingStorageHost=127.0.0.1
 AccountingStoragePort=$port"
-    # sacctmgr reads it too.
+    # sacctmgr also reads it.
     printf 'ClusterName=test\nSlurmctldHost=%s(127.0.0.1)\nAuthType=auth/none\n%s\n' "$host" "$accounting" >"$SLURM_CONF"
     MYSQL_UNIX_PORT="$here/database.sock" slurmdbd -D >accounts.log 2>&1 &
     daemons+=($!)
@@ -79,7 +79,7 @@ AuthType=auth/none
 CredType=cred/none
 StateSaveLocation=$here/state
 SlurmdSpoolDir=$here/spool
-# A machine with two cores takes four tasks, too.
+# Allows four tasks on a machine with two cores.
 SlurmdParameters=config_overrides
 SlurmctldPidFile=$here/slurmctld.pid
 SlurmdPidFile=$here/slurmd.pid
@@ -136,7 +136,8 @@ job="$("$headtail" sweep submit space.toml --out cluster --checkpoint-every 50 -
 grep -q '^#SBATCH --comment=passed-on' cluster/slurm.sh
 scontrol show job "$job" | grep -q 'ArrayTaskThrottle=3' || { echo "not three tasks at once" >&2; scontrol show job "$job" >&2; exit 1; }
 
-# The first two tasks get on; one is told that its time is up, one to end. A job that is queued again waits for two minutes by default: it is released.
+# When the first two tasks have made progress, one is signalled that its time is up, the other to end. Requeued jobs wait
+# two minutes by default, so they are released.
 for _ in $(seq 300); do
     [ "$(find cluster/trials -path '*/checkpoints/step-*' -prune 2>/dev/null | cut -d/ -f3 | sort -u | wc -l)" -ge 3 ] && break
     sleep 0.1
@@ -163,7 +164,7 @@ for task in 0 1; do
     scontrol show job "${job}_$task" | grep -q 'Restarts=1' || { echo "task $task was not queued again" >&2; cat cluster/logs/*.log >&2; exit 1; }
 done
 
-# The same rows but for times, and the same files to the bit.
+# The rows are equal except for times, and the files are identical.
 for sweep in local cluster; do
     "$headtail" sweep collect space.toml --out "$sweep" >/dev/null
     for trial in "$sweep"/trials/*; do sha256sum <"$trial/sampler.safetensors" | sed "s|^|$(basename "$trial") |"; done >"$sweep.sums"
@@ -171,7 +172,7 @@ done
 [ "$(wc -l <local.sums)" -eq 4 ]
 cmp local.sums cluster.sums
 
-# A task that leaves a failed trial ends with 1.
+# A task with a failed trial exits with 1.
 sed 's/^env = .*/env = "none.hdr"/' space.toml >wrong.toml
 wrong="$("$headtail" sweep submit wrong.toml --out wrong --tasks 1 --sbatch=--time=10)"
 for _ in $(seq 100); do
@@ -180,7 +181,7 @@ for _ in $(seq 100); do
 done
 scontrol show job "${wrong}_0" | grep -q 'ExitCode=1:0' || { echo "failed trials, and no exit status of 1" >&2; scontrol show job "${wrong}_0" >&2; exit 1; }
 
-# What accounts say: of a job that is taken away, beside the queue, and once there is no queue to ask.
+# Accounts: of a cancelled job, with a queue, and without one.
 if [ "$has_accounts" = yes ]; then
     says() {
         for _ in $(seq 50); do

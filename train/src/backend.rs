@@ -1,4 +1,4 @@
-//! The tensor library's backends, chosen at run time.
+//! The tensor library's backends, selected at run time.
 
 use std::fmt;
 
@@ -7,33 +7,35 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Error, Result, config::name_of};
 
-/// A backend. All names exist in every build, so that asking for one that was left out is an error that says what to do.
+/// A backend. All names exist in every build, so that selecting one that is not compiled in is an error that
+/// names its feature.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
     /// burn's CPU backend.
     #[default]
     Flex,
-    /// The older CPU backend; burn removes it after 0.22.
+    /// The older CPU backend, which burn removes after 0.22.
     Ndarray,
     /// Vulkan, Metal or DX12, through wgpu.
     Wgpu,
 }
 
 impl Backend {
-    /// Every backend, compiled or not.
+    /// All backends, compiled in or not.
     pub const ALL: [Self; 3] = [Self::Flex, Self::Ndarray, Self::Wgpu];
 
-    /// The backend's device, without autodiff.
+    /// Returns the backend's device, without autodiff.
     ///
     /// # Errors
-    /// [`Error::BackendNotCompiled`] if the build lacks the feature of the backend's name; [`Error::NoAdapter`] if it has it and
-    /// the machine has no graphics adapter.
+    /// [`Error::BackendNotCompiled`] if the build lacks the backend's feature; [`Error::NoAdapter`] if the
+    /// machine has no graphics adapter.
     pub fn device(self) -> Result<Device> {
         match self {
             #[cfg(feature = "flex")]
             Self::Flex => Ok(Device::flex()),
-            // Deprecated by burn 0.22, whose successor has no ndarray backend; it goes when burn is upgraded.
+            // Deprecated by burn 0.22, whose successor has no ndarray backend: remove with the next burn
+            // upgrade.
             #[cfg(feature = "ndarray")]
             #[allow(deprecated)]
             Self::Ndarray => Ok(Device::ndarray()),
@@ -44,13 +46,14 @@ impl Backend {
         }
     }
 
-    /// Whether tensors live in the host's memory, so that reading them back costs a copy and no synchronisation.
+    /// Returns whether tensors are in host memory, so that reading them back needs a copy and no
+    /// synchronisation.
     pub const fn is_host(self) -> bool {
         matches!(self, Self::Flex | Self::Ndarray)
     }
 }
 
-/// A graphics processor if there is one, else a software adapter, which the library never takes by itself.
+/// Returns a GPU if there is one, else a software adapter, which burn never selects by itself.
 #[cfg(feature = "wgpu")]
 fn wgpu_device() -> Result<Device> {
     use burn::{prelude::DeviceKind, tensor::DeviceType};
@@ -72,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_backend_that_is_not_compiled_names_its_feature() {
+    fn a_backend_that_is_not_compiled_in_names_its_feature() {
         for backend in Backend::ALL {
             let compiled = match backend {
                 Backend::Flex => cfg!(feature = "flex"),

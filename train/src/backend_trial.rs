@@ -1,4 +1,4 @@
-//! The same short training on several backends: throughput, memory, and whether they agree.
+//! The same short training run on several backends: throughput, memory, and agreement.
 
 use std::time::Instant;
 
@@ -14,49 +14,50 @@ use crate::{
     state::TrainingState,
 };
 
-/// A short training.
+/// A short training run.
 #[derive(Clone, Debug)]
 pub struct BackendTrial {
-    /// The configuration; its backend and number of steps are not used.
+    /// The configuration; its backend and number of steps are ignored.
     pub config: FitConfig,
-    /// Steps to run, of which the first is not timed if there are more.
+    /// Steps to run; with more than one, the first is not timed.
     pub steps: usize,
 }
 
-/// What came of it on one backend.
+/// The result on one backend.
 #[derive(Clone, Debug, Serialize)]
 pub struct TrialRow {
     /// The backend.
     pub backend: Backend,
-    /// What it ran on.
+    /// The device's name.
     pub device: String,
-    /// How the coupling layers are joined.
+    /// The coupling mode.
     pub mode: Mode,
-    /// How gradients were computed.
+    /// The form of the gradient.
     pub gradient: GradientForm,
-    /// Points per second through forward, backward and optimiser.
+    /// Points per second through forward pass, backward pass and optimiser.
     pub samples_per_second: f64,
-    /// The same with the time in which targets are drawn.
+    /// Points per second with the drawing of targets included.
     pub samples_per_second_with_targets: f64,
-    /// Most memory that the process has had resident during the trial; `None` where the system does not say.
+    /// Peak resident memory of the process during the trial; `None` where the system does not report it.
     pub peak_memory_bytes: Option<u64>,
     /// The last step's loss.
     pub final_loss: f32,
     /// The loss of every step.
     pub losses: Vec<f32>,
-    /// The largest difference at any step to the losses that the trial was given to compare with.
+    /// The largest difference at any step from the losses given for comparison.
     pub largest_loss_difference: f32,
-    /// The largest difference of the gradient along a few directions to central differences in f64, relative to the gradient's
-    /// norm, at weights that are not the initial ones.
+    /// The largest difference between the gradient along a few directions and central differences in f64,
+    /// relative to the gradient's norm, at weights other than the initial ones.
     pub gradient_error: f64,
 }
 
 impl BackendTrial {
-    /// Runs the trial on one backend. `others` are losses to compare with, another backend's for example; empty if there are none. `watch` is
-    /// told after every step how many are done.
+    /// Runs the trial on one backend. `others` are losses to compare with, for example another backend's; may
+    /// be empty. `watch` is called after every step with the number of steps done.
     ///
     /// # Errors
-    /// If the backend is not in this build, the configuration is out of range, or the target is no density.
+    /// If the backend is not in this build, the configuration is out of range, or the target is not a
+    /// density.
     pub fn run(
         &self,
         backend: Backend,
@@ -104,13 +105,13 @@ impl BackendTrial {
         })
     }
 
-    /// [`TrialRow::gradient_error`] on a small batch.
+    /// Returns [`TrialRow::gradient_error`] on a small batch.
     fn parity(&self, config: &FitConfig, target: &dyn Target) -> Result<f64> {
         let device = config.backend.device()?;
         let shape = BatchShape { conditions: 4, strata: 6, brdf_samples: config.brdf_samples.min(8) };
         let batch = Batch::draw(target, shape, config.seed, Purpose::Validation, 1)?;
         let head = Head::new(config.head, config.seed, &device)?;
-        // The last layers start at zero: moved, all weights matter.
+        // The last layers start at zero, which hides the other weights: perturb all.
         let moved = |(k, weight): (usize, f32)| weight + 0.05 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
         let weights: Vec<f32> = head.flat_weights().into_iter().enumerate().map(moved).collect();
         let objective = crate::Loss::LogChiSquare.into();
@@ -126,7 +127,7 @@ mod tests {
     use crate::{CosineTarget, Error, test_support::studio};
 
     #[test]
-    fn every_backend_and_form_has_the_gradient_of_the_reference_and_the_losses_of_the_others() {
+    fn all_backends_and_forms_agree_with_the_reference_gradient_and_on_losses() {
         let tail = studio();
         let target = CosineTarget::new(&tail);
         for mode in [Mode::Coupled, Mode::Autoregressive] {
@@ -134,7 +135,8 @@ mod tests {
             for (backend, gradient) in
                 Backend::ALL.into_iter().flat_map(|backend| GradientForm::FORMS.map(|gradient| (backend, gradient)))
             {
-                // The paper's rate: Adam's first moves have the gradient's sign whatever its size, so at high rates rounding grows.
+                // The paper's rate: Adam's first moves have the gradient's sign at any size, so high rates
+                // amplify rounding.
                 let shape = FitConfig { conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
                 let mut config = FitConfig { gradient, ..shape };
                 config.head.mode = mode;
@@ -144,7 +146,7 @@ mod tests {
                     Err(Error::BackendNotCompiled { .. }) => continue,
                     Err(error) => panic!("{error}"),
                 };
-                // f32 rounding of sums of some thousand terms; 1e-4 is what is asked for.
+                // f32 rounding of sums of a few thousand terms; the required accuracy is 1e-4.
                 assert!(row.gradient_error < 1e-4, "{row:?}");
                 assert!(row.largest_loss_difference < 1e-3 && row.final_loss.is_finite(), "{row:?}");
                 first.get_or_insert(row);

@@ -14,19 +14,19 @@ use crate::{Error, Result};
 
 /// Points along each side of a cell at which the head is evaluated.
 const POINTS: usize = 3;
-/// The share of its time in which densities are found.
+/// The fraction of its time spent on densities.
 const DENSITIES: f64 = 0.8;
 
 /// Tabulates a head that is conditioned on the normal.
 ///
-/// A cell holds the root mean square of the density over it. A normal's table is weighted by the light that the normal sees,
-/// the mean of `max(0, n . t(y))` over Y: between two normals the one that sees more light then counts for more, as in the
-/// target itself.
+/// A cell holds the root mean square of the density over it. A normal's table is weighted by the irradiance
+/// at the normal, the mean of `max(0, n . t(y))` over Y: between two normals, the brighter one then counts
+/// more, as in the target itself.
 ///
 /// Where a direction would have a large weight, the mass of its cell is raised ([`CellDirections::raise`]).
 ///
-/// A head that has learned its share beside BRDF sampling is tabulated in that mixture, which is what it was trained for: the table is to
-/// be used alone.
+/// A head with a learned mixture weight is tabulated as its mixture with BRDF sampling, for which it was
+/// trained: the table is used alone.
 ///
 /// # Errors
 /// [`Error::NotBakeable`] for a head with another condition; see also [`BakedTable::new`] and
@@ -35,7 +35,7 @@ pub fn learned_bake(head: &Head, tail: &Tail, normals: NormalGrid, cells: CellGr
     learned_bake_watched(head, tail, normals, cells, &|_| {})
 }
 
-/// [`learned_bake`], of which `watch` is told now and then which share is done, from any thread.
+/// Runs [`learned_bake`] and calls `watch` now and then with the fraction done, from any thread.
 ///
 /// # Errors
 /// As [`learned_bake`].
@@ -67,7 +67,8 @@ pub fn learned_bake_watched(
             let share = head.share();
             let densities: Vec<f32> = cosine.densities(normal).collect();
             for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
-                // The mean: where the map is dark the cosine's density over Y is large, and a mixture need not follow it.
+                // The mean, not the root mean square: where the map is dark, the cosine's density over Y is
+                // large, and a mixture need not follow it.
                 let mean = densities.iter().sum::<f32>() / densities.len() as f32;
                 *mass = share * *mass + (1.0 - share) * mean;
             }
@@ -97,7 +98,7 @@ impl PulledBackCosine {
         Self { points: tail.forward_directions(positions).map(|(_, wi, pdf)| (wi, pdf)).collect() }
     }
 
-    /// In the order of the points; 0 where no light is.
+    /// Returns densities in the order of the points; 0 where there is no light.
     fn densities(&self, normal: Vec3A) -> impl Iterator<Item = f32> {
         self.points.iter().map(move |&(wi, pdf)| if pdf > 0.0 { normal.dot(wi).max(0.0) / PI / pdf } else { 0.0 })
     }

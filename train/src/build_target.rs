@@ -1,4 +1,4 @@
-//! The target that a configuration asks for.
+//! The target of a configuration.
 
 use std::sync::Arc;
 
@@ -17,14 +17,14 @@ use crate::{
     },
 };
 
-/// The target of `config` under an exact tail (of the kind that `config` names), with surfaces seen from `viewpoints`. Opens the material's file, if it
-/// has one.
+/// Builds the target of `config` under an exact tail (of the kind in `config`), with surfaces seen from
+/// `viewpoints`. Opens the material's file, if it has one.
 ///
 /// # Errors
 /// The file cannot be read, or does not hold the material.
 ///
 /// # Panics
-/// If a head over patches is asked for and the tail is not hierarchical.
+/// If `config` has a head over patches and the tail is not hierarchical.
 pub fn build_target<'a>(config: &FitConfig, tail: &'a Tail, viewpoints: Viewpoints) -> Result<Box<dyn Target + 'a>> {
     let target = match &config.material {
         MaterialSpec::Lambert { .. } => of_surface(config, Lambert::seen_from(viewpoints), tail),

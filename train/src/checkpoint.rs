@@ -1,7 +1,7 @@
-//! Folders of checkpoints, from which a run goes on to the same bits.
+//! Folders of checkpoints, from which runs resume bit-identically.
 //!
-//! A checkpoint is a file `step-000001000` (see [`crate::state_file`]). It is written under another
-//! name, flushed to the disk and renamed, so that there is a whole one or none.
+//! A checkpoint is a file `step-000001000` (see [`crate::state_file`]). It is written under another name,
+//! flushed to disk and renamed, so that it is either complete or absent.
 
 use std::{
     fs::{self, File},
@@ -21,20 +21,20 @@ const PREFIX: &str = "step-";
 /// The name of a checkpoint while it is written.
 const UNFINISHED: &str = ".unfinished";
 
-/// How many checkpoints stay: if the last is damaged, the one before it is used.
+/// Number of checkpoints kept: if the last is damaged, the one before it is used.
 const KEPT: usize = 3;
 
-/// Where a run leaves its checkpoints.
+/// Where a run saves its checkpoints.
 #[derive(Clone, Debug)]
 pub struct CheckpointFolder {
-    /// The folder that holds them; it is made when it is missing.
+    /// The folder; created if missing.
     pub folder: PathBuf,
     /// Steps between checkpoints; 0 saves at the end and at an interruption only.
     pub every: usize,
-    /// Go on from the last checkpoint, where there is one.
+    /// Resume from the last checkpoint, if there is one.
     pub resume: bool,
-    /// What the settings do not say of the target: the environment's hash, where conditions come
-    /// from. A checkpoint of another target is refused.
+    /// Properties of the target that are not in the settings: the environment's hash and the source of
+    /// conditions. A checkpoint of another target is rejected.
     pub target: String,
 }
 
@@ -43,9 +43,9 @@ impl Checkpoints for CheckpointFolder {
         self.every
     }
 
-    /// Makes the folder, and reads the last checkpoint: `None` without `resume`, or where nothing
-    /// is saved yet. A damaged one is set aside under the name `refused-step-...`, and the one
-    /// before is taken. Without `resume`, there must be none.
+    /// Creates the folder and reads the last checkpoint: `None` without `resume` or if nothing is saved yet.
+    /// A damaged one is renamed to `refused-step-...`, and the one before it is used. Without `resume`, no
+    /// checkpoint may exist.
     fn open(
         &self,
         settings: &Value,
@@ -77,7 +77,7 @@ impl Checkpoints for CheckpointFolder {
         Ok(None)
     }
 
-    /// Writes a checkpoint, then removes the oldest beyond those that stay.
+    /// Writes a checkpoint, then removes the oldest ones beyond the number kept.
     fn save(&self, settings: &Value, state: &TrainingState) -> Result<()> {
         let (unfinished, path) = (self.folder.join(UNFINISHED), self.path(state.step));
         let bytes = state_file::encode(settings, &self.target, vec![state]);
@@ -100,7 +100,7 @@ impl Checkpoints for CheckpointFolder {
 }
 
 impl CheckpointFolder {
-    /// The folder for the flow tail of a run whose head has this one.
+    /// Returns the folder of the flow tail for a run whose head uses this folder.
     #[must_use]
     pub fn of_tail(&self) -> Self {
         Self { folder: self.folder.join("tail"), target: format!("tail of {}", self.target), ..self.clone() }
@@ -110,7 +110,7 @@ impl CheckpointFolder {
         self.folder.join(format!("{PREFIX}{step:09}"))
     }
 
-    /// The steps that are saved, in ascending order.
+    /// Returns the saved steps, in ascending order.
     fn steps(&self) -> Result<Vec<usize>> {
         let entries = fs::read_dir(&self.folder).map_err(failed(&self.folder))?;
         let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());

@@ -1,4 +1,4 @@
-//! The configuration of a training run. Values stand in one place, `preset.rs`.
+//! The configuration of a training run. Default values are in `preset.rs`.
 
 use headtail_model::{Condition, HeadConfig};
 use headtail_render::{patches::Detail, scene::MaterialSpec, tail::TailKind};
@@ -18,18 +18,18 @@ pub struct FitConfig {
     pub material: MaterialSpec,
     /// The tail under the head.
     pub tail: TailKind,
-    /// Whether a head whose relative variance is not below that of the untrained one is given up for that one. With a learned
-    /// share the untrained one is one-sample MIS.
+    /// Whether to discard a head whose relative variance is not below that of the untrained head, and to use
+    /// that one instead. With a learned mixture weight, the untrained head is one-sample MIS.
     pub fall_back: bool,
-    /// Where validation finds more than this many times the least relative variance so far, weights and moments go back to those of that least one,
-    /// and the learning rate is halved from there on; in the end, the best weights of all validations are taken. 0 takes the last weights, whatever
-    /// they are.
+    /// If validation finds a relative variance of more than this factor times the lowest so far, weights and
+    /// moments are reset to those of the lowest, and the learning rate is halved from there on; at the end,
+    /// the best weights of all validations are used. 0 uses the last weights unconditionally.
     pub setback: f32,
-    /// What the head draws for: the tail, or patches of sky between it and the tail.
+    /// What the head is composed with: the tail, or patches of sky between it and the tail.
     pub over: Over,
     /// How training points are drawn.
     pub points: Points,
-    /// Fit the head to the product in X, without a tail: the paper's strawman.
+    /// Fit the head to the product in X, without a tail: the paper's naive baseline.
     pub naive: bool,
     /// Where tensors live.
     pub backend: Backend,
@@ -43,13 +43,14 @@ pub struct FitConfig {
     pub conditions: usize,
     /// Strata per side of the intermediate square: each condition has `strata^2` jittered points.
     pub strata: usize,
-    /// Points per condition from BRDF sampling, joined to the strata by the balance heuristic: narrow lobes need them.
+    /// Points per condition from BRDF sampling, combined with the strata by the balance heuristic: required
+    /// for narrow lobes.
     pub brdf_samples: usize,
-    /// What is minimised.
+    /// The loss.
     pub loss: Loss,
     /// Factor of the paper's entropic term, see [`Objective::entropic`].
     pub entropic: f32,
-    /// Peak learning rate; it rises linearly over `warmup` and falls along half a cosine to zero.
+    /// Peak learning rate: rises linearly over `warmup` and falls to zero along a half cosine.
     pub learning_rate: f64,
     /// Fraction of the steps over which the learning rate rises.
     pub warmup: f64,
@@ -61,13 +62,14 @@ pub struct FitConfig {
     pub epsilon: f32,
     /// AdamW's decoupled weight decay.
     pub weight_decay: f32,
-    /// The gradient over all weights is scaled down to at most this norm.
+    /// Largest norm of the gradient over all weights; larger gradients are scaled down.
     pub clip_norm: f64,
-    /// Decay of the moving average of the weights, which validation and export then use; 0 takes the weights as they are.
+    /// Decay of the moving average of the weights, which validation and export then use; 0 disables it.
     pub ema_decay: f32,
-    /// Training stops with an error when more steps than this were skipped because loss or gradient was not finite.
+    /// Training stops with an error when more steps than this were skipped because loss or gradient was not
+    /// finite.
     pub max_skipped: usize,
-    /// Steps between validations; 0 validates at the end only.
+    /// Steps between validations; 0 validates only at the end.
     pub validate_every: usize,
     /// Conditions of the validation set.
     pub validation_conditions: usize,
@@ -75,24 +77,24 @@ pub struct FitConfig {
     pub validation_strata: usize,
     /// The head's shape.
     pub head: HeadConfig,
-    /// The flow tail, where `tail` asks for one.
+    /// The flow tail, if `tail` is a flow.
     pub flow: FlowSettings,
 }
 
-/// What a head draws points for.
+/// What a head is composed with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Over {
     /// The tail: the head learns BRDF x cosine.
     Tail,
-    /// Patches of sky, `patches`: the head learns what their closed form leaves over.
+    /// Patches of sky, `patches`: the head learns the residual of their closed form.
     Patches,
-    /// Finer ones, `patches:fine`.
+    /// Finer patches, `patches:fine`.
     FinePatches,
 }
 
 impl Over {
-    /// The patches, if there are any.
+    /// Returns the detail of the patches, if there are any.
     pub fn detail(self) -> Option<Detail> {
         match self {
             Self::Tail => None,
@@ -106,33 +108,34 @@ impl Over {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Points {
-    /// One in each stratum of Y, joined by BRDF samples, with weights.
+    /// One point in each stratum of Y, combined with BRDF samples, with weights.
     Strata,
-    /// From a table of the product with 512 x 1024 cells of X for each condition, as the paper does it: the slow reference.
+    /// From a table of the product with 512 x 1024 cells of X for each condition, as in the paper: the slow
+    /// reference.
     Tabulated,
 }
 
 impl Default for FitConfig {
-    /// [`Preset::FastCosine`].
+    /// Returns [`Preset::FastCosine`].
     fn default() -> Self {
         Preset::FastCosine.config()
     }
 }
 
 impl FitConfig {
-    /// Sizes of a step's batch.
+    /// Returns the sizes of a step's batch.
     pub fn batch_shape(&self) -> BatchShape {
         BatchShape { conditions: self.conditions, strata: self.strata, brdf_samples: self.brdf_samples }
     }
 
-    /// Sizes of the validation set, with the same share of BRDF samples as a step's.
+    /// Returns the sizes of the validation set, with the same fraction of BRDF samples as a step.
     pub fn validation_shape(&self) -> BatchShape {
         let strata = self.validation_strata;
         let brdf_samples = self.brdf_samples * strata * strata / (self.strata * self.strata);
         BatchShape { conditions: self.validation_conditions, strata, brdf_samples }
     }
 
-    /// What is minimised.
+    /// Returns the objective.
     pub fn objective(&self) -> Objective {
         Objective { loss: self.loss, entropic: self.entropic }
     }
@@ -140,7 +143,7 @@ impl FitConfig {
     /// Checks that a step's batch and the validation set fit into memory.
     ///
     /// # Errors
-    /// With the keys that they come from, what they take and what there is.
+    /// Naming the keys that determine the sizes, the memory needed and the memory available.
     pub fn check_memory(&self) -> Result<()> {
         for (shape, keys) in [
             (self.batch_shape(), "conditions, strata and brdf_samples"),
@@ -153,7 +156,8 @@ impl FitConfig {
         Ok(())
     }
 
-    /// The configuration with a head over patches. One for diffuse surfaces learns no share there: patches need no BRDF sampling beside them.
+    /// Returns the configuration with a head over patches. A head for diffuse surfaces then learns no mixture
+    /// weight: patches need no BRDF sampling beside them.
     #[must_use]
     pub fn over(mut self, over: Over) -> Self {
         self.over = over;
@@ -161,7 +165,7 @@ impl FitConfig {
         self
     }
 
-    /// Checks what a head over patches needs.
+    /// Checks the requirements of a head over patches.
     fn validate_over(&self) -> Result<()> {
         if self.over == Over::Tail {
             return Ok(());
@@ -189,7 +193,7 @@ impl FitConfig {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
+    /// [`Error::Config`] or [`Error::Model`] naming the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.head.validate()?;
         self.flow.validate()?;
@@ -227,10 +231,10 @@ impl FitConfig {
     }
 }
 
-/// What a point of a batch takes at least: its place in two squares, target, densities and gradient, in f32.
+/// Minimum memory of a batch point: its position in two squares, target, densities and gradient, in f32.
 const BYTES_PER_POINT: u64 = 48;
 
-/// The name of one of several values, as files have it.
+/// Returns the name of an enum value, as in files.
 pub(crate) fn name_of<T: Serialize>(value: T) -> String {
     let name = serde_json::to_value(value).expect("a name can be written as JSON");
     name.as_str().expect("it is written by its name").to_owned()
@@ -251,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn defaults_are_valid_and_survive_a_file() {
+    fn defaults_are_valid_and_round_trip() {
         let config = FitConfig::default();
         config.validate().unwrap();
         let text = serde_json::to_string(&config).unwrap();
@@ -267,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn values_out_of_range_are_refused_by_name() {
+    fn values_out_of_range_are_rejected_by_name() {
         let refused = |config: FitConfig| match config.validate() {
             Err(Error::Config { field, .. }) => field,
             other => panic!("{other:?}"),

@@ -7,36 +7,36 @@ use toml::{Table, Value};
 
 use crate::{Error, FitConfig, Preset, Result, config::name_of, flow::FlowSize, material::condition_of};
 
-/// A configuration that is put together: a preset, over which files and values are laid.
+/// A configuration under construction: a preset, overridden by files and single values.
 #[derive(Clone, Debug)]
 pub struct ConfigBuilder {
     table: Table,
 }
 
 impl ConfigBuilder {
-    /// Begins with a preset.
+    /// Starts from a preset.
     pub fn new(preset: Preset) -> Self {
-        // A sweep begins with the same few presets thousands of times.
+        // Cached: a sweep starts from the same few presets thousands of times.
         static TABLES: OnceLock<Vec<(Preset, Table)>> = OnceLock::new();
         let tables = TABLES.get_or_init(|| Preset::ALL.map(|preset| (preset, table_of(&preset.config()))).into());
         let known = tables.iter().find(|(known, _)| *known == preset);
         Self { table: known.map_or_else(|| table_of(&preset.config()), |(_, table)| table.clone()) }
     }
 
-    /// Lays the keys of a TOML file over what is there.
+    /// Overrides with the keys of a TOML file.
     ///
     /// # Errors
-    /// [`Error::ConfigFile`] names the file, and the key that is unknown or has a wrong value.
+    /// [`Error::ConfigFile`] naming the file, and the key that is unknown or has a wrong value.
     pub fn file(&mut self, path: &Path) -> Result<()> {
         let name = path.display().to_string();
         let text = headtail_render::file::read_text(path).map_err(|error| refuse(&name, &error.to_string()))?;
         self.overlay(&name, &text)
     }
 
-    /// Lays `key.of.field = value`, in TOML, over what is there. A value that is no TOML is taken as a text.
+    /// Overrides with `key.of.field = value`, in TOML. A value that is not TOML is read as a string.
     ///
     /// # Errors
-    /// [`Error::ConfigFile`] names the assignment.
+    /// [`Error::ConfigFile`] naming the assignment.
     pub fn assignment(&mut self, text: &str) -> Result<()> {
         let name = format!("--set {text}");
         let Some((key, value)) = text.split_once('=') else {
@@ -46,16 +46,16 @@ impl ConfigBuilder {
         if text.parse::<Table>().is_ok() { self.overlay(&name, text) } else { self.overlay(&name, &as_text) }
     }
 
-    /// Lays all settings of a flow tail of a size over what is there.
+    /// Overrides with all flow tail settings of a size.
     pub fn flow(&mut self, size: FlowSize) {
         let of_size = table_of(&FitConfig { flow: size.settings(), ..Preset::FastCosine.config() });
         self.table.extend(of_size.into_iter().filter(|(key, _)| key == "flow"));
     }
 
-    /// The configuration so far.
+    /// Returns the configuration so far.
     ///
     /// # Errors
-    /// [`Error::ConfigFile`] if a value cannot be what its key asks for; ranges are [`FitConfig::validate`]'s to check.
+    /// [`Error::ConfigFile`] if a value has a wrong type; [`FitConfig::validate`] checks ranges.
     pub fn build(&self) -> Result<FitConfig> {
         self.parse("the configuration")
     }
@@ -65,10 +65,10 @@ impl ConfigBuilder {
         self.table(name, overlay)
     }
 
-    /// Lays the keys of a table over what is there; `name` is where the table is from, for errors.
+    /// Overrides with the keys of a table; `name` is the table's source, for errors.
     ///
     /// # Errors
-    /// [`Error::ConfigFile`] names the key that is unknown or has a wrong value.
+    /// [`Error::ConfigFile`] naming the key that is unknown or has a wrong value.
     pub fn table(&mut self, name: &str, mut overlay: Table) -> Result<()> {
         take_older_names(&mut overlay);
         check_keys(name, "", &self.table, &overlay)?;
@@ -82,7 +82,7 @@ impl ConfigBuilder {
         self.parse(name).map(|_| ())
     }
 
-    /// A material decides what its head is conditioned on.
+    /// Sets the head's condition to that of the material.
     fn take_condition_of(&mut self, material: &MaterialSpec) {
         let condition = Value::String(name_of(condition_of(material)));
         if let Some(Value::Table(head)) = self.table.get_mut("head") {
@@ -100,24 +100,24 @@ impl FitConfig {
         table.clone().try_into()
     }
 
-    /// The configuration as a TOML file that can be read back.
+    /// Returns the configuration as TOML that can be read back.
     ///
     /// # Errors
-    /// [`Error::ConfigFile`] for a seed above 2^63 - 1, which TOML cannot write.
+    /// [`Error::ConfigFile`] for a seed above 2^63 - 1, which TOML cannot represent.
     pub fn to_toml(&self) -> Result<String> {
         toml::to_string_pretty(self).map_err(|error| refuse("the configuration", &error.to_string()))
     }
 
-    /// The configuration as a table.
+    /// Returns the configuration as a table.
     ///
     /// # Errors
     /// As [`Self::to_toml`].
     pub fn to_table(&self) -> Result<Table> {
-        // By way of a text: a number of single precision keeps its short form.
+        // Via text, which keeps the short form of f32 values.
         Ok(self.to_toml()?.parse().expect("what was written as TOML can be read"))
     }
 
-    /// Sets the material, and what its head is conditioned on.
+    /// Sets the material and its head's condition.
     #[must_use]
     pub fn for_material(mut self, material: MaterialSpec) -> Self {
         self.head.condition = condition_of(&material);
@@ -127,7 +127,7 @@ impl FitConfig {
     }
 }
 
-/// Keys by their names of today: `head.share` was `head.selection`.
+/// Renames deprecated keys: `head.selection` to `head.share`.
 fn take_older_names(table: &mut Table) {
     if let Some(Value::Table(head)) = table.get_mut("head")
         && !head.contains_key("share")
@@ -141,13 +141,13 @@ fn table_of(config: &FitConfig) -> Table {
     config.to_table().expect("a preset can be written as TOML")
 }
 
-/// One sentence: what the parser says in several lines is joined.
+/// Joins the parser's lines into one sentence.
 fn refuse(name: &str, reason: &str) -> Error {
     let lines: Vec<&str> = reason.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     Error::ConfigFile { name: name.to_owned(), reason: lines.join(" ") }
 }
 
-/// A table with every key of the configuration knows which keys there are.
+/// Checks that all keys of `overlay` are in `known`, a table with every key of the configuration.
 fn check_keys(name: &str, path: &str, known: &Table, overlay: &Table) -> Result<()> {
     for (key, value) in overlay {
         let full = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn presets_are_what_is_printed_and_read_back() {
+    fn presets_round_trip_through_toml() {
         for preset in Preset::ALL {
             assert_eq!(built(preset, &[]), preset.config());
             let text = preset.config().to_toml().unwrap();
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn single_values_are_laid_over_the_size_of_a_flow() {
+    fn single_values_override_the_size_of_a_flow() {
         let mut builder = ConfigBuilder::new(Preset::FastGgx);
         builder.assignment("flow.cells=64").unwrap();
         builder.flow(FlowSize::Paper);
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn single_values_are_laid_over_a_preset() {
+    fn single_values_override_a_preset() {
         let config = built(
             Preset::PaperGgx,
             &["steps=7", "loss = reverse-kl", "head.bins=8", "head.encoder.output=16", "learning_rate=2e-3"],
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn the_share_is_known_by_its_older_name() {
+    fn the_share_accepts_its_deprecated_name() {
         assert!(built(Preset::FastCosine, &[]).head.share);
         assert!(!built(Preset::FastCosine, &["head.selection=false"]).head.share);
         let config = FitConfig::default();
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_material_brings_its_condition() {
+    fn a_material_sets_its_condition() {
         let config = built(Preset::FastGgx, &["material=ggx:alpha=0.2..0.8"]);
         assert_eq!(config.head.condition, Condition::GgxRoughness);
         config.validate().unwrap();

@@ -2,16 +2,16 @@
 
 use crate::backend::Backend;
 
-/// What can go wrong in training.
+/// An error of training.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum Error {
     /// The backend is not part of this build.
     #[error("the backend `{backend}` is not in this build: build with `--features {backend}`")]
     BackendNotCompiled {
-        /// The backend asked for.
+        /// The requested backend.
         backend: Backend,
     },
-    /// A bake of a head that is not for diffuse surfaces.
+    /// Only heads for diffuse surfaces can be baked.
     #[error("tables are over normals: only a head for diffuse surfaces can be baked")]
     NotBakeable,
     /// The machine has no graphics adapter for the backend wgpu.
@@ -27,21 +27,21 @@ pub enum Error {
         field: &'static str,
         /// Its value.
         value: String,
-        /// The range it must lie in.
+        /// The permitted range.
         requirement: &'static str,
     },
-    /// A configuration file, or a value given in its place, is wrong.
+    /// A configuration file, or a value that replaces one, is invalid.
     #[error("{name}: {reason}")]
     ConfigFile {
-        /// The file, or where else the value is from.
+        /// The file, or another source of the value.
         name: String,
         /// What is wrong.
         reason: String,
     },
-    /// The head's configuration or weights are wrong.
+    /// The head's configuration or weights are invalid.
     #[error(transparent)]
     Model(#[from] headtail_model::Error),
-    /// The exported sampler or its tables cannot be made or written.
+    /// The exported sampler or its tables cannot be built or written.
     #[error(transparent)]
     Render(#[from] std::sync::Arc<headtail_render::Error>),
     /// The flow that was fitted to a map cannot be tabulated.
@@ -49,13 +49,13 @@ pub enum Error {
         "the flow that was fitted to the map has no table: {reason}; with other settings or another seed it may have one"
     )]
     NoTable {
-        /// What the table refuses.
+        /// Why the table rejects it.
         reason: std::sync::Arc<headtail_render::Error>,
     },
-    /// The target gave a density that is negative, infinite or NaN.
+    /// The target returned a density that is negative, infinite or NaN.
     #[error("the target density is {density} at y = {y:?} under condition {condition:?}")]
     BadTarget {
-        /// What the target gave.
+        /// The returned density.
         density: f32,
         /// The point of the intermediate square.
         y: [f32; 2],
@@ -65,10 +65,10 @@ pub enum Error {
     /// The target is zero under every validation condition.
     #[error("the target is zero everywhere under all {conditions} validation conditions: is the environment black?")]
     EmptyTarget {
-        /// How many conditions were tried.
+        /// Number of conditions tried.
         conditions: usize,
     },
-    /// A camera that is to give conditions sees nothing.
+    /// The camera that provides conditions sees no surface.
     #[error("the scene '{scene}': its camera sees (almost) no surface to take conditions from")]
     NothingSeen {
         /// The scene's name.
@@ -90,17 +90,17 @@ pub enum Error {
         /// The system's reason.
         reason: String,
     },
-    /// Too many steps without a finite loss and gradient.
+    /// Too many steps had no finite loss and gradient.
     #[error("training diverged: {skipped} steps were not finite by step {step}; try a smaller learning rate")]
     Diverged {
-        /// The step at which training gave up.
+        /// The step at which training stopped.
         step: usize,
         /// Steps skipped so far.
         skipped: usize,
     },
 }
 
-/// The crate's result.
+/// The crate's result type.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl From<headtail_render::Error> for Error {

@@ -1,4 +1,4 @@
-//! From a trained head to the renderer's, and to the exported file.
+//! Conversion of a trained head to the renderer's head and to the exported file.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use headtail_render::{
 
 use crate::{FitConfig, Result, Summary};
 
-/// The native head with the weights of a trained one.
+/// Returns the native head with the weights of a trained one.
 ///
 /// # Errors
 /// A weight is not finite, the head is larger than native inference allows, or it has no native form.
@@ -38,8 +38,9 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?.with_share(share)?)
 }
 
-/// The exported sampler of a trained head. With `with_time` the file says how long the training took, and two runs of the
-/// same command then differ in that number. A head that was trained without a tail goes over one that leaves every point where it is.
+/// Returns the exported sampler of a trained head. With `with_time` the file records the training time, so
+/// two runs of the same command differ in that number. A head trained without a tail is exported over the
+/// identity.
 ///
 /// # Errors
 /// See [`native_head`].
@@ -70,7 +71,7 @@ pub fn exported_sampler(
     })
 }
 
-/// The tail of X itself, for the light of another one: the smallest table.
+/// Returns the identity of X as a tail, with the light of another one: the smallest table.
 fn identity(of: &Tail) -> Result<Tail> {
     const CELLS: usize = 4;
     let node = |k: usize| Vec2::new((k % CELLS) as f32, (k / CELLS) as f32) / CELLS as f32;
@@ -93,9 +94,9 @@ mod tests {
         test_support::{random_head, studio},
     };
 
-    /// Corners and turns of the small table are powers of two, so that rounding is all that can be off.
+    /// Corners and turns of the small table are powers of two, so that only rounding remains.
     #[test]
-    fn the_tail_of_a_head_without_one_moves_nothing() {
+    fn a_head_without_tail_is_exported_over_the_identity() {
         let same = identity(&studio()).unwrap();
         let mut stream = Stream::new(7, Purpose::Test, 0);
         let y: Vec<Vec2> = (0..1000).map(|_| stream.uniform2()).collect();
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn the_native_head_is_the_trained_one_in_both_directions() {
+    fn the_native_head_equals_the_trained_one_in_both_directions() {
         let device = Backend::Flex.device().unwrap();
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
         for mode in [Mode::Coupled, Mode::Autoregressive] {
@@ -144,7 +145,8 @@ mod tests {
                         let there = there.try_into_vec_as::<f32>().unwrap();
                         let apart = (Vec2::new(there[0], there[1]) - native_there).abs();
                         let log = log.into_scalar::<f32>();
-                        // Sums in another order, 1e-7 each over 64 terms, magnified by slopes of up to 10.
+                        // Sums in a different order, 1e-7 each over 64 terms, magnified by slopes of up to
+                        // 10.
                         assert!(apart.x.min(1.0 - apart.x) < 1e-5 && apart.y < 1e-5, "{there:?} {native_there}");
                         assert!((log - density.ln()).abs() < 1e-4, "{log} {}", density.ln());
                     }

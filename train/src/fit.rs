@@ -14,7 +14,7 @@ use crate::{
     validation::Validation,
 };
 
-/// A training run in figures.
+/// Statistics of a training run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Steps done: fewer than configured if the run was interrupted.
@@ -29,29 +29,31 @@ pub struct Summary {
     pub divergence: Divergence,
     /// Wall-clock seconds.
     pub seconds: f64,
-    /// Steps left out because loss or gradient was not finite.
+    /// Steps skipped because loss or gradient was not finite.
     pub skipped: usize,
-    /// Whether training did not help, and the untrained head was kept (see [`FitConfig::fall_back`]).
+    /// Whether training did not reduce the variance and the untrained head was kept (see
+    /// [`FitConfig::fall_back`]).
     pub fell_back: bool,
 }
 
-/// A trained head, without autodiff, and the run's figures.
+/// A trained head, without autodiff, and the run's statistics.
 pub struct Fitted {
     /// The head.
     pub head: Head,
-    /// The figures.
+    /// The statistics.
     pub summary: Summary,
 }
 
 /// Trains a head for `target`.
 ///
-/// Weights and batches depend on the configuration and its seed alone; on one backend the same configuration gives the same
-/// weights, bit for bit. `progress` is called before the first step, after every step and at the end. `interrupt` ends the run after the current step; what was learned so far is
-/// returned (at a learning rate that has not come down yet).
+/// Weights and batches depend only on the configuration, which includes the seed; on one backend, the same
+/// configuration gives bit-identical weights. `progress` is called before the first step, after every step
+/// and at the end. `interrupt` ends the run after the current step and returns the weights so far (at a
+/// learning rate that has not decayed yet).
 ///
 /// # Errors
-/// If the configuration is out of range or asks of the target what it does not have, the backend is not in this build, the
-/// target is no density or zero everywhere, or more than `max_skipped` steps were not finite.
+/// If the configuration is out of range or does not match the target, the backend is not in this build, the
+/// target is not a density or zero everywhere, or more than `max_skipped` steps were not finite.
 pub fn fit(
     config: &FitConfig,
     target: &dyn Target,
@@ -65,11 +67,11 @@ pub fn fit(
     fit_with(config, target, Run { progress: &mut report, interrupt, checkpoints: None, warn: &mut |_| {} })
 }
 
-/// [`fit()`] with checkpoints. A run that is killed and resumed, at any moment and any number of
-/// times, ends with the weights of one that was not, bit for bit (on one backend).
+/// Runs [`fit()`] with checkpoints. A run that is killed and resumed, at any moment and any number of times,
+/// ends with bit-identical weights (on one backend).
 ///
 /// # Errors
-/// As [`fit()`], and those of `run.checkpoints` and `run.progress`.
+/// As [`fit()`], and errors of `run.checkpoints` and `run.progress`.
 pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result<Fitted> {
     config.validate()?;
     check_target(config, target)?;
@@ -108,7 +110,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     Ok(Fitted { head, summary })
 }
 
-/// The training of a head.
+/// Training of a head.
 struct HeadTraining<'a> {
     config: &'a FitConfig,
     target: &'a dyn Target,
@@ -132,13 +134,13 @@ impl Trainable for HeadTraining<'_> {
     }
 
     fn divergence(&mut self, state: &TrainingState) -> Option<Divergence> {
-        // Never due where `validate_every` is 0: no step is a multiple of it.
+        // Never due if `validate_every` is 0: no step is a multiple of it.
         let is_due = state.step.is_multiple_of(self.config.validate_every);
         is_due.then(|| self.measure(state.parameters.inference_weights()))
     }
 }
 
-/// Checks that the target has what the configuration asks of it.
+/// Checks that the target supports the configuration.
 fn check_target(config: &FitConfig, target: &dyn Target) -> Result<()> {
     let refuse = |field, value: String, requirement| Err(Error::Config { field, value, requirement });
     if config.head.condition != target.condition() {

@@ -1,4 +1,4 @@
-//! The tail that a configuration asks for.
+//! The tail of a configuration.
 
 use std::sync::Arc;
 

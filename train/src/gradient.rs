@@ -1,4 +1,4 @@
-//! The forms in which a step's gradient is computed.
+//! The implementations of a step's gradient.
 
 use std::fmt;
 
@@ -11,24 +11,24 @@ use crate::{
     integrand::Batch,
 };
 
-/// How a step's gradient is computed. All forms give the same to rounding.
+/// How a step's gradient is computed. All forms agree to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GradientForm {
     /// The fastest form for the backend: fused on the host, in the graph elsewhere.
     #[default]
     Auto,
-    /// Networks, splines and their derivatives in one pass over SIMD lanes, see [`crate::fused`]. Always on the host.
+    /// Networks, splines and their derivatives in one pass over SIMD lanes, see [`crate::fused`]. Host only.
     Fused,
-    /// In the tensor library's graph, see [`crate::in_graph`]: the reference, and the form that a GPU runs.
+    /// In the tensor library's graph, see [`crate::in_graph`]: the reference, and the form for GPUs.
     InGraph,
 }
 
 impl GradientForm {
-    /// Every form that is one.
+    /// All forms except `Auto`.
     pub const FORMS: [Self; 2] = [Self::Fused, Self::InGraph];
 
-    /// The form that a backend runs.
+    /// Returns the form for a backend.
     pub const fn on(self, backend: Backend) -> Self {
         match self {
             Self::Auto if backend.is_host() => Self::Fused,
@@ -37,7 +37,7 @@ impl GradientForm {
         }
     }
 
-    /// The source of gradients of heads of the shape of `head`, which lives on `device`.
+    /// Returns the gradient source for heads of the shape of `head`, which lives on `device`.
     pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Box<dyn GradientSource> {
         match self.on(backend) {
             Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),

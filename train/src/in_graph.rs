@@ -1,4 +1,5 @@
-//! A training step's gradient in the tensor library's graph: the reference for [`crate::fused`], and what a GPU runs.
+//! A training step's gradient in the tensor library's graph: the reference for [`crate::fused`], and the form
+//! for GPUs.
 
 use burn::{
     optim::GradientsParams,
@@ -8,7 +9,8 @@ use headtail_model::Head;
 
 use crate::{Objective, StepGradient, integrand::Batch};
 
-/// Returns loss and gradient of a batch, or `None` if the target is zero under every condition. `head` lives on `device`, which has autodiff.
+/// Returns loss and gradient of a batch, or `None` if the target is zero under every condition. `head` lives
+/// on `device`, which has autodiff.
 pub fn in_graph(head: &Head, objective: Objective, batch: &Batch, device: &Device) -> Option<StepGradient> {
     let (y, c) = tensors(batch, device);
     let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.share_logits(c))?;
@@ -16,7 +18,7 @@ pub fn in_graph(head: &Head, objective: Objective, batch: &Batch, device: &Devic
     Some(StepGradient { loss: loss.into_scalar::<f32>(), d_weight: head.flat_gradients(&gradients) })
 }
 
-/// Points `[conditions, samples, 2]` and conditions of a batch as tensors.
+/// Returns points `[conditions, samples, 2]` and conditions of a batch as tensors.
 pub fn tensors(batch: &Batch, device: &Device) -> (Tensor<3>, Tensor<2>) {
     let conditions = batch.condition_count();
     let y = TensorData::new(batch.points.clone(), [conditions, batch.samples, 2]);

@@ -1,13 +1,13 @@
 //! Training of head warps: targets in the intermediate square Y, losses, the training loop and export.
 //!
-//! With an exact tail the density that a head has to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the tail:
-//! no environment factor is left (see [`integrand`]). [`fit()`] is the entry point.
+//! With an exact tail, the density to learn is `q*(y|c)`, proportional to BRDF x cosine seen through the
+//! tail: it contains no environment factor (see [`integrand`]). [`fit()`] is the entry point.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `config.rs`, `preset.rs` | the settings of a run; presets |
 //! | `config_file.rs` | TOML files and single values over a preset |
-//! | `material.rs` | what a head for a material is conditioned on |
+//! | `material.rs` | the condition of a head for a material |
 //! | `integrand/`, `build_target.rs` | targets in Y; the target of a configuration |
 //! | `flow/`, `fit_tail.rs` | fitting a flow tail; the tail of a configuration |
 //! | `loss/` | losses in closed form, and in burn's graph |
@@ -16,7 +16,7 @@
 //! | `reference.rs` | the loss in f64, for tests |
 //! | `trainer.rs`, `state.rs`, `optimizer.rs` | the training loop, its state, AdamW |
 //! | `fit.rs` | training heads |
-//! | `setback.rs` | going back to the best validation after a fall |
+//! | `setback.rs` | resetting to the best validation after a setback |
 //! | `state_file.rs`, `checkpoint.rs` | the file of a state; folders of checkpoints |
 //! | `validation.rs` | KL, chi-square divergence and relative variance on a fixed set |
 //! | `metrics.rs`, `tensorboard.rs` | `metrics.jsonl`; event files |

@@ -1,11 +1,11 @@
-//! Materials as heads see them.
+//! Conditions of heads for materials.
 
 use headtail_model::Condition;
 use headtail_render::scene::MaterialSpec;
 
 use crate::{Error, Result};
 
-/// Returns what a head for a material is conditioned on.
+/// Returns the condition of a head for a material.
 pub fn condition_of(material: &MaterialSpec) -> Condition {
     match material {
         MaterialSpec::Lambert { .. } => Condition::Normal,
@@ -17,10 +17,10 @@ pub fn condition_of(material: &MaterialSpec) -> Condition {
     }
 }
 
-/// Checks that a material does not scale its lobes: a head serves every albedo and f0.
+/// Checks that a material does not scale its lobes: a head serves all albedos and f0.
 ///
 /// # Errors
-/// [`Error::Config`] that names the material.
+/// [`Error::Config`] naming the material.
 pub(crate) fn check_scale(material: &MaterialSpec) -> Result<()> {
     match material {
         MaterialSpec::Lambert { albedo: 1.0 } | MaterialSpec::Ggx { f0: 1.0, .. } => Ok(()),

@@ -1,4 +1,4 @@
-//! `metrics.jsonl`: one JSON object per line for each validation.
+//! `metrics.jsonl`: one JSON object per line and validation.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -11,8 +11,8 @@ use serde::Serialize;
 
 use crate::{Error, Progress, Result};
 
-/// A line: the keys of [`Progress`] but for `steps`, and of its divergence. The first line is that of the untrained head. Numbers that
-/// are not finite are written as `null`.
+/// A line: the keys of [`Progress`] except `steps`, and of its divergence. The first line is that of the
+/// untrained head. Non-finite numbers are written as `null`.
 #[derive(Serialize)]
 struct Row<'a> {
     #[serde(flatten)]
@@ -22,18 +22,18 @@ struct Row<'a> {
     version: &'static str,
 }
 
-/// The file.
+/// The `metrics.jsonl` file of a run.
 pub struct MetricsFile {
     path: PathBuf,
     seed: u64,
-    /// Opened with the first step, which says where the run goes on.
+    /// Opened at the first step, which determines where the run resumes.
     file: Option<File>,
-    /// The step of the last line; a run that is resumed at its end measures that step again.
+    /// The step of the last line; a run resumed at its end measures that step again.
     last: Option<u64>,
 }
 
 impl MetricsFile {
-    /// Lines go to `path`. A run that begins replaces the file, one that is resumed keeps the lines up to its step.
+    /// Writes lines to `path`. A new run replaces the file, a resumed one keeps the lines up to its step.
     pub fn new(path: &Path, seed: u64) -> Self {
         Self { path: path.to_owned(), seed, file: None, last: None }
     }
@@ -63,7 +63,8 @@ impl MetricsFile {
     }
 }
 
-/// Opens the file for more lines, without those of steps beyond `step` and those that a kill has cut; and the last line's step.
+/// Opens the file for appending, without lines of steps beyond `step` or truncated lines; returns also the
+/// last line's step.
 fn open(path: &Path, step: usize) -> std::io::Result<(File, Option<u64>)> {
     let (mut kept, mut last) = (String::new(), None);
     if step > 0 && path.exists() {
@@ -107,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_a_line_for_each_validation_and_a_resumed_run_goes_on() {
+    fn each_validation_adds_a_line_and_a_resumed_run_continues_the_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("metrics.jsonl");
         let mut file = MetricsFile::new(&path, 3);
@@ -131,7 +132,7 @@ mod tests {
         assert_eq!(steps(&path), [0], "a new run replaces the file");
     }
 
-    /// A kill in the middle of a write in place would leave a part.
+    /// A kill during an in-place write would leave a partial file.
     #[test]
     fn lines_are_dropped_in_a_new_file() {
         let folder = tempfile::tempdir().unwrap();

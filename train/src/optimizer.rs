@@ -4,14 +4,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::FitConfig;
 
-/// What AdamW (Loshchilov and Hutter 2019) remembers.
+/// The state of AdamW (Loshchilov and Hutter 2019).
 ///
-/// On the host and over one list: a step costs less than starting as many tensor operations as there are tensors, and the
-/// state is saved and restored to the bit.
+/// On the host and over one list: a step costs less than launching one operation per tensor, and the state is
+/// saved and restored bit-identically.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OptimizerState {
-    /// Steps that moved the weights.
+    /// Number of steps that changed the weights.
     pub moves: u64,
     /// Decaying mean of the gradients.
     #[serde(skip)]
@@ -33,14 +33,14 @@ pub fn learning_rate(config: &FitConfig, peak: f64, step: usize) -> f64 {
 }
 
 impl OptimizerState {
-    /// Before the first step of `weights` weights.
+    /// Returns the state before the first step, for `weights` weights.
     pub fn new(weights: usize) -> Self {
         Self { moves: 0, first_moments: vec![0.0; weights], second_moments: vec![0.0; weights] }
     }
 
-    /// Moves `weights` against `gradients`, with the other settings of `config`. `rates` has the
-    /// length and the learning rate of each group of weights, which is clipped by its own norm.
-    /// Returns `false` and changes nothing if a gradient is not finite.
+    /// Moves `weights` against `gradients`, with the other settings of `config`. `rates` has the length and
+    /// learning rate of each group of weights, which is clipped by its own norm. Returns `false` and changes
+    /// nothing if a gradient is not finite.
     pub fn step(&mut self, config: &FitConfig, rates: &[(usize, f64)], weights: &mut [f32], gradients: &[f32]) -> bool {
         let mut end = 0;
         let with_norm = |&(length, rate): &(usize, f64)| {
@@ -84,9 +84,9 @@ mod tests {
     use super::*;
     use crate::{Backend, in_graph::tensors, integrand::Batch, test_support::batch_of_sky};
 
-    /// Three steps of plain maximum likelihood, by this optimiser and by burn's.
+    /// Three steps of maximum likelihood, by this optimiser and by burn's.
     #[test]
-    fn it_moves_weights_as_the_tensor_library_does() {
+    fn steps_match_those_of_the_tensor_library() {
         let device = Backend::Flex.device().unwrap().autodiff();
         let config = FitConfig { steps: 100, warmup: 0.0, clip_norm: 1e9, weight_decay: 0.1, ..FitConfig::default() };
         let mut head = Head::new(HeadConfig::COSINE, 0, &device).unwrap();
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_move_as_lists_of_their_own() {
+    fn groups_are_clipped_and_moved_separately() {
         let config = FitConfig { clip_norm: 1.0, ..FitConfig::default() };
         let (mut weights, gradients) = ([0.1; 5], [0.3, -4.0, 0.2, 0.1, 7.0]);
         assert!(OptimizerState::new(5).step(&config, &[(2, 1e-2), (3, 1e-3)], &mut weights, &gradients));
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_rises_to_its_peak_and_falls_to_nothing() {
+    fn the_rate_rises_to_its_peak_and_falls_to_zero() {
         let config = FitConfig { steps: 1000, warmup: 0.1, learning_rate: 4e-3, ..FitConfig::default() };
         let rates: Vec<f64> = (0..1000).map(|step| learning_rate(&config, config.learning_rate, step)).collect();
         assert!(rates[..101].windows(2).all(|pair| pair[0] < pair[1]));

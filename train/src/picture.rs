@@ -1,4 +1,4 @@
-//! A target and what a head has learned of it, over the square, for pictures.
+//! Pictures of a target and of a head's learned density over the square.
 
 use burn::prelude::{Tensor, TensorData};
 use headtail_model::{Head, head::share_of_logit};
@@ -13,15 +13,16 @@ const SIDE: usize = 192;
 pub struct DensityPair {
     /// Values along each side of the square.
     pub side: usize,
-    /// `[side, side]` the target, elevation down and azimuth to the right; of mean 1, if the condition sees light.
+    /// The target, `[side, side]`, elevation down and azimuth to the right; of mean 1 if there is light under
+    /// the condition.
     pub target: Vec<f32>,
-    /// `[side, side]` what the head gives; with a learned share the mixture with BRDF sampling.
+    /// The head's density, `[side, side]`; with a learned mixture weight, the mixture with BRDF sampling.
     pub learned: Vec<f32>,
 }
 
-/// Targets and learned densities at `count` conditions.
+/// Returns targets and learned densities at `count` conditions.
 ///
-/// Conditions are drawn with the run's seed; one that sees no light is drawn again.
+/// Conditions are drawn with the run's seed; one without light is drawn again.
 ///
 /// # Errors
 /// If the backend is not in this build.
@@ -31,7 +32,7 @@ pub fn density_pairs(head: &Head, config: &FitConfig, target: &dyn Target, count
         let mut stream = Stream::new(config.seed, Purpose::Validation, 1 + index);
         let mut condition = vec![0.0; target.condition().length()];
         let mut wanted = Vec::new();
-        // Nearly every condition sees light: a run with none that does has ended before.
+        // Nearly every condition has light: training rejects targets without.
         for _ in 0..100 {
             target.draw_condition(&mut stream, &mut condition);
             wanted = normalized(target.at_points(&condition, &points).iter().map(|values| values.target).collect());
@@ -45,13 +46,13 @@ pub fn density_pairs(head: &Head, config: &FitConfig, target: &dyn Target, count
     (0..count).map(pair).collect()
 }
 
-/// Centres of the pixels, row by row.
+/// Iterates over the pixel centres, row by row.
 fn points() -> impl Iterator<Item = [f32; 2]> {
     let centre = |index: usize| (index as f32 + 0.5) / SIDE as f32;
     (0..SIDE * SIDE).map(move |index| [centre(index % SIDE), centre(index / SIDE)])
 }
 
-/// Divided by the mean; zeros stay.
+/// Divides by the mean; all-zero values stay.
 fn normalized(values: Vec<f32>) -> Vec<f32> {
     let mean = values.iter().map(|&value| f64::from(value)).sum::<f64>() / values.len() as f64;
     if mean > 0.0 { values.into_iter().map(|value| (f64::from(value) / mean) as f32).collect() } else { values }

@@ -1,4 +1,4 @@
-//! Configurations by name.
+//! Named configurations.
 
 use std::{fmt, str::FromStr};
 
@@ -10,26 +10,26 @@ use crate::{
     config::{Over, Points},
 };
 
-/// A configuration by name.
+/// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Preset {
     /// The paper's cosine head and optimisation (its section 5).
     PaperCosine,
     /// The paper's microfacet head and optimisation.
     PaperGgx,
-    /// The cosine head with learned share, in seconds.
+    /// The cosine head with learned mixture weight; trains in seconds.
     FastCosine,
-    /// A small microfacet head with learned share, in a minute.
+    /// A small microfacet head with learned mixture weight; trains in a minute.
     FastGgx,
-    /// A smaller head over patches of sky, in seconds.
+    /// A smaller head over patches of sky; trains in seconds.
     OverPatches,
 }
 
 impl Preset {
-    /// Every preset.
+    /// All presets.
     pub const ALL: [Self; 5] = [Self::PaperCosine, Self::PaperGgx, Self::FastCosine, Self::FastGgx, Self::OverPatches];
 
-    /// The name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::PaperCosine => "paper-cosine",
@@ -40,7 +40,7 @@ impl Preset {
         }
     }
 
-    /// The configuration.
+    /// Returns the configuration.
     pub fn config(self) -> FitConfig {
         match self {
             Self::PaperCosine => paper_cosine(),
@@ -51,7 +51,7 @@ impl Preset {
         }
     }
 
-    /// The fast preset for a material.
+    /// Returns the fast preset for a material.
     pub fn fast_for(material: &MaterialSpec) -> Self {
         if material.is_lambert() { Self::FastCosine } else { Self::FastGgx }
     }
@@ -74,10 +74,10 @@ impl FromStr for Preset {
     }
 }
 
-/// Of learning rates from 4e-3 to 3e-2 the one here gave the least variance on two maps; batches of 1600 to 8192 points are
-/// equally good per point. The betas are the paper's, the weight decay PyTorch's; neither decay nor clipping matters much,
-/// and the clipping is there for the odd step. Learned share and fall-back keep the variance of `head+mis` at or below that of one-sample MIS
-/// (`headtail stability`).
+/// Of the learning rates from 4e-3 to 3e-2, this one gives the least variance on two maps; batches of 1600 to
+/// 8192 points are equally good per point. The betas are the paper's, the weight decay PyTorch's; neither
+/// decay nor clipping matters much, and clipping guards against outlier steps. Learned mixture weight and
+/// fall-back keep the variance of `head+mis` at or below that of one-sample MIS (`headtail stability`).
 fn fast_cosine() -> FitConfig {
     FitConfig {
         material: MaterialSpec::LAMBERT,
@@ -113,10 +113,11 @@ fn fast_cosine() -> FitConfig {
     }
 }
 
-/// Some 40 s on two busy cores; on dancing_hall_1k (alpha = 0.4) the validation variance, 0.0948, is 1.07 times that of ten times as many steps.
-/// After 1500 steps of 4096 points, 64 conditions each, it was 0.169, 0.139, 0.129 and 0.141 at rates of 4e-3, 8e-3, 1.6e-2 and 2.4e-2, 0.139
-/// with K = 16 and 0.126 with twice the width at the best rate; the autoregressive mode had 1.3 times the variance (1.5 on
-/// kloofendal_overcast_1k) at 8e-3. 128 conditions of 32 points are better than 64 of 64 and 256 of 16 (variance over that of the
+/// Trains in about 40 s on two busy cores; on dancing_hall_1k (alpha = 0.4) the validation variance, 0.0948,
+/// is 1.07x that of ten times the steps. After 1500 steps of 4096 points, 64 conditions each, it is 0.169,
+/// 0.139, 0.129 and 0.141 at rates of 4e-3, 8e-3, 1.6e-2 and 2.4e-2, 0.139 with K = 16 and 0.126 with twice
+/// the width at the best rate; the autoregressive mode has 1.3x the variance (1.5x on kloofendal_overcast_1k)
+/// at 8e-3. 128 conditions of 32 points are better than 64 of 64 and 256 of 16 (variance over that of the
 /// tail alone after 4000 steps: 0.029, 0.034, 0.036).
 fn fast_ggx() -> FitConfig {
     FitConfig {
@@ -138,8 +139,9 @@ fn fast_ggx() -> FitConfig {
     }
 }
 
-/// Some ten seconds of one core. What patches leave over is small and smooth: on studio_small_03_1k the validation variance at alpha = 0.05 is 0.292, and
-/// with the head and the rate of [`fast_ggx`] 0.252, at twice the time of a sample (patches alone: 0.921).
+/// Trains in about 10 s on one core. The residual of patches is small and smooth: on studio_small_03_1k the
+/// validation variance at alpha = 0.05 is 0.292, and with the head and the rate of [`fast_ggx`] 0.252, at
+/// twice the time per sample (patches alone: 0.921).
 fn over_patches() -> FitConfig {
     FitConfig {
         over: Over::Patches,
@@ -150,10 +152,11 @@ fn over_patches() -> FitConfig {
     }
 }
 
-/// "AdamW with a learning rate of 0.001 and beta = (0.9, 0.999)", batches of "1024 samples for each of 256 conditions", "10k
-/// iterations", forward KL with an entropic term of weight 0.0001. The paper names no schedule, weight decay (PyTorch's is
-/// 0.01) or clipping: the rate stays what it is but for the last decay to 0, which the paper may not have. Points
-/// are strata of Y with weights; the paper's own way is `points = "tabulated"`.
+/// "AdamW with a learning rate of 0.001 and beta = (0.9, 0.999)", batches of "1024 samples for each of 256
+/// conditions", "10k iterations", forward KL with an entropic term of weight 0.0001. The paper names no
+/// schedule, weight decay (PyTorch's is 0.01) or clipping: the rate is constant except for the last decay to
+/// 0, which the paper may not have. Points are strata of Y with weights; the paper's own method is
+/// `points = "tabulated"`.
 fn paper_cosine() -> FitConfig {
     FitConfig {
         steps: 10_000,
@@ -172,8 +175,8 @@ fn paper_cosine() -> FitConfig {
     }
 }
 
-/// As [`paper_cosine`], with the encoder, K = 32 and roughness as an input. A quarter of the 1024 points come from BRDF
-/// sampling, without which strata miss narrow lobes.
+/// As [`paper_cosine`], with the encoder, K = 32 and roughness as an input. 25 % of the 1024 points come from
+/// BRDF sampling, without which strata miss narrow lobes.
 fn paper_ggx() -> FitConfig {
     FitConfig {
         material: MaterialSpec::ggx(0.2, 0.8),
@@ -191,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn presets_are_valid_and_known_by_their_names() {
+    fn presets_are_valid_and_parse_from_their_names() {
         for preset in Preset::ALL {
             preset.config().validate().unwrap();
             assert_eq!(preset.name().parse::<Preset>().unwrap(), preset);
@@ -199,10 +202,10 @@ mod tests {
         assert!("fast".parse::<Preset>().unwrap_err().contains("fast-cosine"));
     }
 
-    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) w + (w + 1) w + (w + 1) (3K + 1)` of width `w` with `f` = 2 and 1; share
-    /// `(c + x + 1) 16 + 17`.
+    /// Encoder `(c + 1) h + (h + 1) x`; layers `(c + x + f + 1) w + (w + 1) w + (w + 1) (3K + 1)` of width
+    /// `w` with `f` = 2 and 1; mixture weight `(c + x + 1) 16 + 17`.
     #[test]
-    fn presets_have_as_many_weights_as_documented() {
+    fn presets_have_the_documented_weight_counts() {
         let device = Backend::Flex.device().unwrap();
         let counts = Preset::ALL.map(|preset| Head::new(preset.config().head, 0, &device).unwrap().weight_count());
         assert_eq!(counts, [10_714, 35_970, 10_795, 19_379, 4_523]);

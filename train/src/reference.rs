@@ -1,7 +1,7 @@
-//! The loss of a head in f64, written plainly: the oracle that gradients are held against.
+//! The loss of a head in f64, written plainly: the reference for all gradients.
 //!
-//! It shares no code with the forms that train: dense layers are loops, a spline is evaluated as its definition says (DESIGN 3.1,
-//! Durkan et al. 2019, eq. 4), and derivatives are central differences.
+//! It shares no code with the training forms: dense layers are loops, splines are evaluated by their
+//! definition (DESIGN 3.1, Durkan et al. 2019, eq. 4), and derivatives are central differences.
 
 use std::f64::consts::TAU;
 
@@ -13,7 +13,7 @@ use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, bin_count};
 
 use crate::integrand::Batch;
 
-/// The mean log-chi-square loss, mixed with BRDF sampling where the head has learned a share.
+/// Returns the mean log-chi-square loss, mixed with BRDF sampling if the head has a learned mixture weight.
 ///
 /// # Panics
 /// If `weights` are not those of a head of this shape.
@@ -40,10 +40,10 @@ pub fn log_chi_square(config: &HeadConfig, weights: &[f64], batch: &Batch) -> f6
     sum / f64::from(lit)
 }
 
-/// The largest difference between `gradient` along a few directions and central differences of [`log_chi_square`], relative to
-/// the gradient's norm.
+/// Returns the largest difference between `gradient` along a few directions and central differences of
+/// [`log_chi_square`], relative to the gradient's norm.
 pub fn gradient_error(config: &HeadConfig, weights: &[f32], batch: &Batch, gradient: &[f32]) -> f64 {
-    /// The truncation error falls with its square, rounding (1e-16 / STEP) grows.
+    /// Truncation error is quadratic in the step; rounding is 1e-16 / STEP.
     const STEP: f64 = 1e-5;
     let norm = gradient.iter().map(|&g| f64::from(g).powi(2)).sum::<f64>().sqrt();
     let along = |direction: &[f64]| {
@@ -54,7 +54,7 @@ pub fn gradient_error(config: &HeadConfig, weights: &[f32], batch: &Batch, gradi
         let found: f64 = gradient.iter().zip(direction).map(|(&g, d)| f64::from(g) * d).sum();
         (found - (high - low) / (2.0 * STEP)).abs() / norm
     };
-    // The gradient's own direction, and some that have nothing to do with it.
+    // The gradient's own direction, and four unrelated ones.
     let own: Vec<f64> = gradient.iter().map(|&g| f64::from(g) / norm).collect();
     let size = (weights.len() as f64).sqrt();
     let other = |k: usize| -> Vec<f64> {
@@ -120,7 +120,7 @@ impl<'a> Head<'a> {
         Self { config, seen, elevation, azimuth, share }
     }
 
-    /// The density at `y = (u, v)`.
+    /// Returns the density at `y = (u, v)`.
     fn density(&self, u: f64, v: f64) -> f64 {
         let coupled = self.config.mode == Mode::Coupled;
         let features = if coupled { vec![(TAU * u).cos(), (TAU * u).sin()] } else { Vec::new() };
@@ -142,7 +142,7 @@ fn perceptron(layers: &[Layer<'_>], x: &[f64], config: &HeadConfig) -> Vec<f64> 
     last.forward(&hidden)
 }
 
-/// Value and slope of the spline at `x`.
+/// Returns value and slope of the spline at `x`.
 fn spline(logits: &[f64], x: f64, circle: bool) -> (f64, f64) {
     let bins = bin_count(logits.len());
     let sizes = |logits: &[f64]| -> Vec<f64> {

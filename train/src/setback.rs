@@ -1,8 +1,9 @@
-//! Going back: long runs at a high learning rate can lose in a few steps what they have learned, and never find it again.
+//! Setbacks: at a high learning rate, a few steps of a long run can raise the loss for good.
 //!
-//! AdamW divides by the root mean square of about the last thousand gradients, so that a single batch with a much larger gradient than those moves all
-//! weights at once by several learning rates. Where validation finds such a fall, weights and moments go back to those of the best validation so
-//! far, and the learning rate is halved from there on.
+//! AdamW divides by the root mean square of about the last thousand gradients, so a single batch with a much
+//! larger gradient moves all weights at once by several learning rates. When validation finds such a setback,
+//! weights and moments are reset to those of the best validation so far, and the learning rate is halved from
+//! there on.
 
 use crate::{
     Divergence, FitConfig,
@@ -10,7 +11,7 @@ use crate::{
 };
 
 impl TrainingState {
-    /// Keeps a validation that is the best so far, and goes back where it was a fall.
+    /// Stores a validation that is the best so far; after a setback, resets to the best one.
     pub fn judge(&mut self, config: &FitConfig, divergence: Divergence) {
         if config.setback == 0.0 {
             return;
@@ -37,7 +38,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fall_goes_back_to_the_best_and_halves_the_rate() {
+    fn a_setback_resets_to_the_best_and_halves_the_rate() {
         let config = FitConfig { setback: 2.0, ..FitConfig::default() };
         let mut state = TrainingState::new(&config, vec![0.0]);
         let mut after = |weight, relative_variance| {
@@ -55,7 +56,7 @@ mod tests {
     }
 
     #[test]
-    fn where_it_is_off_nothing_is_kept() {
+    fn a_factor_of_zero_disables_resets() {
         let config = FitConfig { setback: 0.0, ..FitConfig::default() };
         let mut state = TrainingState::new(&config, vec![0.0]);
         for variance in [0.1, 100.0] {

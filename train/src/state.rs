@@ -1,4 +1,4 @@
-//! The state of a training between two steps: all that the next step depends on, besides the
+//! The state of a training run between two steps: everything that the next step depends on, besides the
 //! settings.
 
 use serde::{Deserialize, Serialize};
@@ -11,30 +11,29 @@ use crate::{
 /// Weight of a step's loss in [`TrainingState::mean_loss`].
 const LOSS_WEIGHT: f32 = 0.02;
 
-/// Weights, moments and counters. Batches are not part of it: they are functions of (seed, step).
-/// The lists are no part of its JSON form, see [`crate::state_file`].
+/// Weights, moments and counters. Batches are not part of it: they are functions of (seed, step). The lists
+/// are not part of its JSON form, see [`crate::state_file`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingState {
     /// Steps done.
     pub step: usize,
-    /// Steps left out because loss or gradient was not finite.
+    /// Steps skipped because loss or gradient was not finite.
     pub skipped: usize,
     /// The last step's loss.
     pub loss: Option<f32>,
     /// Decaying mean of the losses, over about 50 steps.
     pub mean_loss: Option<f32>,
-    /// Wall-clock seconds up to the last saving.
+    /// Wall-clock seconds up to the last save.
     pub seconds: f64,
-    /// Factor of the learning rates: 1, and half as much after each fall (see [`crate::setback`]).
+    /// Factor of the learning rates: 1, halved after each setback (see [`crate::setback`]).
     pub rate_factor: f64,
-    /// The weights, and what the optimiser remembers of them.
+    /// The weights and the optimiser's state.
     pub parameters: Parameters,
-    /// Length and peak learning rate of the groups of weights, in their order; the settings
-    /// determine them.
+    /// Length and peak learning rate of each group of weights, in order; determined by the settings.
     #[serde(skip)]
     pub groups: Vec<(usize, f64)>,
-    /// The best validation so far, where it is kept.
+    /// The best validation so far, if setbacks are enabled.
     pub best: Option<BestValidation>,
 }
 
@@ -45,10 +44,10 @@ pub struct Parameters {
     /// The weights, in one list.
     #[serde(skip)]
     pub weights: Vec<f32>,
-    /// Their moving average; empty where it is off.
+    /// Their moving average; empty if disabled.
     #[serde(skip)]
     pub average: Vec<f32>,
-    /// The optimiser's memory.
+    /// The optimiser's state.
     pub optimizer: OptimizerState,
 }
 
@@ -63,7 +62,7 @@ pub struct BestValidation {
     pub parameters: Parameters,
 }
 
-/// A divergence as bits of f64: decimals of JSON are read to within 1 ULP.
+/// Stores a divergence as bits of f64: JSON decimals are read to within 1 ULP.
 mod bits {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -81,25 +80,26 @@ mod bits {
 }
 
 impl Parameters {
-    /// The lists, with their names in files.
+    /// Returns the lists, with their names in files.
     pub(crate) fn lists(&self) -> [(&'static str, &Vec<f32>); 4] {
         let OptimizerState { first_moments, second_moments, .. } = &self.optimizer;
         let [weights, average] = [("weights", &self.weights), ("average", &self.average)];
         [weights, average, ("first_moments", first_moments), ("second_moments", second_moments)]
     }
 
-    /// The lists, in the same order.
+    /// Returns the lists, in the same order.
     pub(crate) fn lists_mut(&mut self) -> [&mut Vec<f32>; 4] {
         let Self { weights, average, optimizer: OptimizerState { first_moments, second_moments, .. } } = self;
         [weights, average, first_moments, second_moments]
     }
 
-    /// The weights for use: the moving average where there is one.
+    /// Returns the weights for inference: the moving average if there is one.
     pub fn inference_weights(&self) -> &[f32] {
         if self.average.is_empty() { &self.weights } else { &self.average }
     }
 
-    /// The average forgets its start: after `m` moves it decays by at most `(1 + m) / (10 + m)`.
+    /// Updates the moving average. After `m` moves it decays by at most `(1 + m) / (10 + m)`, which discounts
+    /// the start.
     fn average_weights(&mut self, decay: f32) {
         let moves = self.optimizer.moves as f32;
         let decay = decay.min((1.0 + moves) / (10.0 + moves));
@@ -110,7 +110,7 @@ impl Parameters {
 }
 
 impl TrainingState {
-    /// The state before the first step, with all weights in one group.
+    /// Returns the state before the first step, with all weights in one group.
     pub fn new(config: &FitConfig, weights: Vec<f32>) -> Self {
         let groups = vec![(weights.len(), config.learning_rate)];
         let average = if config.ema_decay > 0.0 { weights.clone() } else { Vec::new() };
@@ -120,12 +120,12 @@ impl TrainingState {
         Self { step: 0, skipped: 0, loss, mean_loss, seconds: 0.0, rate_factor: 1.0, parameters, groups, best }
     }
 
-    /// The learning rate of the first group at `step`.
+    /// Returns the learning rate of the first group at `step`.
     pub fn learning_rate(&self, config: &FitConfig, step: usize) -> f64 {
         self.rate_factor * learning_rate(config, self.groups[0].1, step)
     }
 
-    /// Ends a step with its gradient, or with none.
+    /// Ends a step with its gradient, or without one.
     ///
     /// # Errors
     /// [`Error::Diverged`] after more than `max_skipped` steps that were not finite.
@@ -150,7 +150,7 @@ impl TrainingState {
     }
 }
 
-/// Settings as JSON, for comparison with those of a file: what they name is not opened.
+/// Returns settings as JSON, for comparison with those of a file; files named in them are not opened.
 pub(crate) fn as_json(settings: &impl Serialize) -> serde_json::Value {
     let text = serde_json::to_string(settings).expect("settings can be written as JSON");
     serde_json::from_str(&text).expect("what was written as JSON is JSON")

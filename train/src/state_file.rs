@@ -1,9 +1,9 @@
-//! The file of training states: of a checkpoint, or beside the result of a fit.
+//! The file of training states: a checkpoint, or the file beside the result of a fit.
 //!
-//! Safetensors, then their BLAKE3 in hexadecimal. The metadata entry `headtail_state` is a JSON
-//! text: the settings and the target that the states belong to, and the numbers of each training.
-//! Training `k` has the lists `k.weights`, `k.average` (empty where it is off), `k.first_moments`
-//! and `k.second_moments`; those of its best validation are `k.best.weights` and so on.
+//! Safetensors, then their BLAKE3 in hexadecimal. The metadata entry `headtail_state` is JSON: the settings
+//! and the target of the states, and the numbers of each training run. Run `k` has the lists `k.weights`,
+//! `k.average` (empty if disabled), `k.first_moments` and `k.second_moments`; those of its best validation
+//! are `k.best.weights` and so on.
 
 use std::{collections::HashMap, iter, path::Path, result};
 
@@ -18,25 +18,25 @@ use crate::{
     trainer::Checkpoints,
 };
 
-/// Version of the format; others are refused.
+/// Version of the format; others are rejected.
 const FORMAT_VERSION: u32 = 3;
 /// Name of the metadata entry.
 const ENTRY: &str = "headtail_state";
-/// Largest file that is read: eight lists of more weights than a model can have, and their names.
+/// Largest file that is read: eight lists of the largest model's weights, and their names.
 const MAX_BYTES: u64 = 1 << 32;
 
 /// A result whose error is a clause about a file.
 type Checked<T> = result::Result<T, String>;
 
-/// A file with the states of trainings that follow each other, of which the last is going on.
+/// A file with the states of consecutive training runs, of which the last is in progress.
 pub struct StateFile<'a> {
     /// The file.
     pub path: &'a Path,
-    /// Steps between two savings.
+    /// Steps between two saves.
     pub every: usize,
-    /// What the settings do not say of the target. A state of another target is refused.
+    /// Properties of the target that are not in the settings. A state of another target is rejected.
     pub target: String,
-    /// The trainings that are done.
+    /// The completed training runs.
     pub done: &'a [TrainingState],
 }
 
@@ -75,7 +75,7 @@ struct Header<T> {
     trainings: Vec<T>,
 }
 
-/// The bytes of a file.
+/// Returns the bytes of a file.
 pub(crate) fn encode(settings: &Value, target: &str, trainings: Vec<&TrainingState>) -> Vec<u8> {
     let mut lists: Vec<(String, Vec<u8>)> = Vec::new();
     for (index, state) in trainings.iter().enumerate() {
@@ -105,8 +105,8 @@ pub(crate) fn encode(settings: &Value, target: &str, trainings: Vec<&TrainingSta
     bytes
 }
 
-/// Training `index` of the bytes from [`read`], of the sizes of `blank`; `None` if it had not
-/// begun.
+/// Returns training run `index` of the bytes from [`read`], with the sizes of `blank`; `None` if it has not
+/// started.
 pub(crate) fn decode(
     bytes: &[u8],
     settings: &Value,
@@ -128,16 +128,16 @@ pub(crate) fn decode(
     Ok(Some(state))
 }
 
-/// Checks that states are of this version, these settings and this target.
+/// Checks that states have this version, these settings and this target.
 fn check_origin(header: &mut Header<TrainingState>, settings: &Value, target: &str) -> Checked<()> {
     let version = env!("CARGO_PKG_VERSION");
     if header.program_version != version {
         let reason = format!("was written by version {}, this is {version}", header.program_version);
         return Err(format!("{reason}: it would not go on to the same bits"));
     }
-    // Read from JSON like the saved ones: a decimal is read to within 1 ULP of the number.
+    // Read back from JSON like the saved settings: a decimal is read to within 1 ULP of the number.
     let settings = as_json(settings);
-    // A run may be extended: the learning rate goes on as that of the longer run has it at this step.
+    // A run may be extended: the learning rate continues as in the longer run at this step.
     if let (Some(saved), Some(steps)) = (header.settings.get_mut("steps"), settings.get("steps"))
         && saved.as_u64().is_some_and(|saved| Some(saved) < steps.as_u64())
     {
@@ -161,7 +161,7 @@ pub fn describe(path: &Path) -> Result<Map<String, Value>> {
     header.map_err(|reason| unusable(path, &reason))
 }
 
-/// The bytes of a file whose checksum is right, without it.
+/// Reads a file, verifies its checksum and returns the bytes before it.
 pub(crate) fn read(path: &Path) -> Checked<Vec<u8>> {
     let mut bytes = file::read(path, MAX_BYTES).map_err(|error| error.to_string())?;
     let end = bytes.len().saturating_sub(2 * blake3::OUT_LEN);
@@ -172,7 +172,7 @@ pub(crate) fn read(path: &Path) -> Checked<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The header of this version, and the lists.
+/// Returns the header, of this version, and the lists.
 fn open(bytes: &[u8]) -> Checked<(Map<String, Value>, SafeTensors<'_>)> {
     let (metadata, tensors) = tensor_file::open(bytes)?;
     let entry = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
@@ -184,7 +184,7 @@ fn open(bytes: &[u8]) -> Checked<(Map<String, Value>, SafeTensors<'_>)> {
     Ok((header, tensors))
 }
 
-/// Checks numbers that steps count on.
+/// Checks numbers on which training steps rely.
 fn check_numbers(state: &TrainingState, settings: &Value) -> Checked<()> {
     let best = state.best.iter().map(|best| &best.parameters);
     let moves = best.chain([&state.parameters]).map(|parameters| parameters.optimizer.moves).max();
@@ -201,7 +201,7 @@ fn check_numbers(state: &TrainingState, settings: &Value) -> Checked<()> {
     Ok(())
 }
 
-/// Fills the lists of parameters, which have the lengths of `blank` and finite numbers.
+/// Reads the lists of parameters, which must have the lengths of `blank` and finite numbers.
 fn read_lists(tensors: &SafeTensors<'_>, prefix: &str, into: &mut Parameters, blank: &Parameters) -> Checked<()> {
     for (list, (name, blank)) in into.lists_mut().into_iter().zip(blank.lists()) {
         let name = format!("{prefix}{name}");
@@ -218,7 +218,7 @@ fn read_lists(tensors: &SafeTensors<'_>, prefix: &str, into: &mut Parameters, bl
     Ok(())
 }
 
-/// The dotted key of the first setting that differs, with both values.
+/// Returns the dotted key of the first setting that differs, with both values.
 fn first_difference(key: &str, saved: &Value, own: &Value) -> Option<String> {
     let (Value::Object(a), Value::Object(b)) = (saved, own) else {
         return (saved != own).then(|| format!("`{key}`: it has {saved}, this run {own}"));
@@ -230,7 +230,7 @@ fn first_difference(key: &str, saved: &Value, own: &Value) -> Option<String> {
     })
 }
 
-/// An error of a file that is not of this run, or of this format.
+/// Returns the error for a file of another run or format.
 pub(crate) fn unusable(path: &Path, reason: &str) -> Error {
     Error::Checkpoint { path: path.to_owned(), reason: format!("{reason}; remove it to start again") }
 }

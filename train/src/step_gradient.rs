@@ -1,18 +1,18 @@
-//! A step's gradient: the seam between the training loop and whatever computes it.
+//! A step's gradient: the interface between the training loop and its implementations.
 
 use crate::{Objective, integrand::Batch};
 
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StepGradient {
-    /// The loss; of heads, the mean over the conditions whose target is not zero everywhere.
+    /// The loss; for heads, the mean over the conditions whose target is not zero everywhere.
     pub loss: f32,
     /// Its gradient, in the order of the weights.
     pub d_weight: Vec<f32>,
 }
 
 impl StepGradient {
-    /// The sum of losses and gradients over parts of a batch, in their order.
+    /// Returns the sum of losses and gradients over parts of a batch, in order.
     pub fn sum<'a>(weights: usize, parts: impl Iterator<Item = (f32, &'a [f32])>) -> Self {
         let mut sum = Self { loss: 0.0, d_weight: vec![0.0; weights] };
         for (loss, gradient) in parts {
@@ -23,9 +23,9 @@ impl StepGradient {
     }
 }
 
-/// Computes [`StepGradient`]s. The training loop keeps the weights as one list and knows nothing of how this is done.
+/// Computes [`StepGradient`]s from the weights as one list, independent of the implementation.
 pub trait GradientSource: Send {
-    /// The gradient at `weights` (in the order of [`headtail_model::Head::flat_weights`]); `None` if the target is zero under every
-    /// condition of the batch. A result that is not finite is the caller's to leave out.
+    /// Returns the gradient at `weights` (in the order of [`headtail_model::Head::flat_weights`]); `None` if
+    /// the target is zero under every condition of the batch. The caller skips results that are not finite.
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient>;
 }

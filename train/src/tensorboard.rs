@@ -1,7 +1,8 @@
-//! Event files that TensorBoard reads: scalars by step.
+//! Event files for TensorBoard: scalars by step.
 //!
-//! A file is a sequence of records (length, masked CRC of the length, data, masked CRC of the data), each an `Event` message of
-//! `tensorflow/core/util/event.proto` in protocol buffers' wire format. What is needed of both is written out here.
+//! A file is a sequence of records (length, masked CRC of the length, data, masked CRC of the data), each an
+//! `Event` message of `tensorflow/core/util/event.proto` in the wire format of protocol buffers. The required
+//! parts of both are implemented here.
 
 use std::{
     fs::{File, create_dir_all},
@@ -26,7 +27,7 @@ impl TensorBoard {
     /// [`Error::Output`] if they cannot be written.
     pub fn create(folder: &Path) -> Result<Self> {
         let now = now();
-        // The name must be new: readers follow a file from where they have read to.
+        // The name must be new: readers follow a file from their last position.
         let name = format!("events.out.tfevents.{:010}.headtail.{}", now as u64, std::process::id());
         let path = folder.join(name);
         let create = || {
@@ -42,8 +43,8 @@ impl TensorBoard {
         Ok(board)
     }
 
-    /// Adds the scalars of a step. The first one begins a session: readers forget what earlier files of the folder have of it and of later steps,
-    /// which a run that was cut off had written after its last checkpoint.
+    /// Adds the scalars of a step. The first one begins a session: readers discard its step and later ones in
+    /// earlier files of the folder, which an interrupted run wrote after its last checkpoint.
     ///
     /// # Errors
     /// [`Error::Output`] if the file cannot be written.
@@ -92,7 +93,7 @@ impl TensorBoard {
     }
 }
 
-/// An event with `SessionLog.START`.
+/// Returns an event with `SessionLog.START`.
 fn session_start(now: f64, step: u64) -> Vec<u8> {
     let (mut log, mut event) = (Vec::new(), Vec::new());
     integer(1, 1, &mut log);
@@ -106,12 +107,12 @@ fn output_error(path: &Path, error: &std::io::Error) -> Error {
     Error::Output { path: path.to_owned(), reason: error.to_string() }
 }
 
-/// Seconds since 1970.
+/// Returns the seconds since 1970.
 fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }
 
-/// Seven bits a byte, the lowest first.
+/// Encodes seven bits per byte, the lowest first.
 fn varint(mut value: u64, out: &mut Vec<u8>) {
     while value >= 0x80 {
         out.push(value as u8 | 0x80);
@@ -141,12 +142,13 @@ fn float(field: u64, value: f32, out: &mut Vec<u8>) {
     out.extend(value.to_le_bytes());
 }
 
-/// The CRC as the record format stores it: turned and shifted, since a CRC of data that holds CRCs is weak.
+/// Returns the CRC as stored by the record format: rotated and shifted, since a CRC of data that contains
+/// CRCs is weak.
 fn masked_crc(data: &[u8]) -> u32 {
     crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
-/// CRC-32C (Castagnoli), bit by bit: events are few and short.
+/// Returns the CRC-32C (Castagnoli), bit by bit: events are few and short.
 fn crc32c(data: &[u8]) -> u32 {
     let step = |crc: u32, _| (crc >> 1) ^ (0x82f6_3b78 & (crc & 1).wrapping_neg());
     !data.iter().fold(!0, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), step))
@@ -172,7 +174,7 @@ mod tests {
         assert_eq!(session_start(2.5, 300), expected);
     }
 
-    /// The examples of the documentation of protocol buffers' encoding.
+    /// The examples in the documentation of the protocol buffers encoding.
     #[test]
     fn fields_are_encoded_as_documented() {
         let mut out = Vec::new();

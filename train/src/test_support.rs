@@ -1,4 +1,4 @@
-//! What several tests need.
+//! Shared test helpers.
 
 use std::{
     f32::consts::TAU,
@@ -20,7 +20,7 @@ use crate::{
     integrand::{Batch, BatchShape},
 };
 
-/// Trains until it is interrupted after `stop_at` steps.
+/// Trains until interrupted after `stop_at` steps.
 pub fn train_until<C: Checkpoints, T>(
     stop_at: usize,
     checkpoints: Option<&C>,
@@ -35,7 +35,7 @@ pub fn train_until<C: Checkpoints, T>(
     train(Run { progress: &mut progress, interrupt: &interrupt, checkpoints, warn: &mut |error| panic!("{error}") })
 }
 
-/// A head far from the identity: its last layers are drawn too.
+/// Returns a head far from the identity: its last layers are random too.
 pub fn random_head(config: HeadConfig, device: &Device) -> Head {
     let mut weights = Head::new(config, 1, device).unwrap().weights();
     let mut stream = Stream::new(1, Purpose::Test, 0);
@@ -45,7 +45,8 @@ pub fn random_head(config: HeadConfig, device: &Device) -> Head {
     Head::from_weights(config, weights, device).unwrap()
 }
 
-/// A grey lobe around the mirrored direction: its logarithm falls with the sine of the half vector's angle.
+/// Returns a grey lobe around the mirror direction: its logarithm falls with the sine of the half vector's
+/// angle.
 pub fn grey_lobe(peak: f32) -> Network {
     let first = Linear::new("first", INPUTS, 1, &[-2.0, 0.0, 0.0, 0.0, 0.0, 0.0], vec![1.0]).unwrap();
     let second = Linear::new("second", 1, 1, &[1.0], vec![0.0]).unwrap();
@@ -53,26 +54,28 @@ pub fn grey_lobe(peak: f32) -> Network {
     Network::new("network", [first, second, third]).unwrap()
 }
 
-/// A tail for light that is uniform over the upper half of the sphere: a normal that points down sees little or none.
+/// Maps Y as a tail of light that is uniform over the upper hemisphere: a downward normal receives little or
+/// none.
 pub fn sky(y: [f32; 2]) -> [f32; 3] {
     let cos = 1.0 - y[1];
     let sin = (1.0 - cos * cos).max(0.0).sqrt();
     [sin * (TAU * y[0]).sin(), cos, -sin * (TAU * y[0]).cos()]
 }
 
-/// A batch of the cosine under [`sky`].
+/// Returns a batch of the cosine under [`sky`].
 pub fn batch_of_sky(conditions: usize, strata: usize) -> Batch {
     let shape = BatchShape { conditions, strata, brdf_samples: 0 };
     Batch::draw(&CosineTarget::new(&sky), shape, 0, Purpose::Test, 0).unwrap()
 }
 
-/// The tail of a built-in map with small lights.
+/// Returns the tail of a built-in map with small lights.
 pub fn studio() -> Tail {
     let map = built_in("studio").unwrap();
     Tail::new(TailKind::Hierarchical, map.width(), map.height(), &map.luminance()).unwrap()
 }
 
-/// Asserts that two gradients of a step are the same but for a share of their norm, and that they are not next to nothing.
+/// Asserts that two gradients of a step agree to a fraction of their norm, and that they are not close to
+/// zero.
 pub fn assert_same(expected: &StepGradient, found: &StepGradient, tolerance: f32, what: &str) {
     let norm = |v: &mut dyn Iterator<Item = f32>| v.map(|x| x * x).sum::<f32>().sqrt();
     let size = norm(&mut expected.d_weight.iter().copied());

@@ -13,12 +13,12 @@ use crate::{
     state::{TrainingState, as_json},
 };
 
-/// What is known after a step.
+/// Statistics after a step.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Progress {
     /// Steps done.
     pub step: usize,
-    /// Steps in all.
+    /// Total steps.
     #[serde(skip)]
     pub steps: usize,
     /// The step's loss on its batch.
@@ -31,35 +31,33 @@ pub struct Progress {
     pub divergence: Option<Divergence>,
     /// The step's learning rate.
     pub learning_rate: f64,
-    /// Training points per second since the process began, validation included.
+    /// Training points per second since the process started, validation included.
     pub samples_per_second: f64,
     /// Wall-clock seconds of training, over all processes of a resumed run.
     pub seconds: f64,
-    /// Steps left out because loss or gradient was not finite.
+    /// Steps skipped because loss or gradient was not finite.
     pub skipped: usize,
 }
 
-/// What surrounds a training run.
+/// The environment of a training run: callbacks and checkpoints.
 pub struct Run<'a> {
-    /// Called after every step and at the end, but for flow tails also at the start; an error of
-    /// its own ends the run.
+    /// Called after every step, at the end, and, except for flow tails, at the start; its error ends the run.
     pub progress: &'a mut dyn FnMut(&Progress) -> Result<()>,
     /// Ends the run after the current step.
     pub interrupt: &'a AtomicBool,
-    /// Where to save the run and to go on from: a [`crate::CheckpointFolder`] or a
-    /// [`crate::StateFile`].
+    /// Where to save and resume the run: a [`crate::CheckpointFolder`] or a [`crate::StateFile`].
     pub checkpoints: Option<&'a dyn Checkpoints>,
-    /// Told of checkpoints that cannot be used.
+    /// Called with checkpoints that cannot be used.
     pub warn: &'a mut dyn FnMut(&Error),
 }
 
 /// Saved states of a run.
 pub trait Checkpoints {
-    /// Steps between two savings; 0 saves at the end and at an interruption only.
+    /// Returns the number of steps between two saves; 0 saves only at the end and on interruption.
     fn every(&self) -> usize;
 
-    /// Returns the state to go on from: `None` where nothing is saved yet. `settings` are those of
-    /// the run, `blank` is its state before the first step; `warn` is told of damaged checkpoints.
+    /// Returns the state to resume from: `None` if nothing is saved yet. `settings` are those of the run,
+    /// `blank` is its state before the first step; `warn` is called for damaged checkpoints.
     ///
     /// # Errors
     /// [`Error::Checkpoint`] if a checkpoint belongs to another run or version, or cannot be read.
@@ -73,22 +71,22 @@ pub trait Checkpoints {
     /// Saves a state.
     ///
     /// # Errors
-    /// If the system refuses to write.
+    /// If the file cannot be written.
     fn save(&self, settings: &Value, state: &TrainingState) -> Result<()>;
 }
 
-/// What a [`Trainer`] trains.
+/// A model that a [`Trainer`] trains.
 pub(crate) trait Trainable {
-    /// Loss and gradient of `step`, a function of the settings and these two; `None` if the batch
-    /// has no light. A result that is not finite is the caller's to leave out.
+    /// Returns loss and gradient of `step`, a function of the settings and the arguments; `None` if the batch
+    /// has no light. The caller skips results that are not finite.
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>>;
 
-    /// Whether training ends before all steps are done.
+    /// Returns whether training ends before all steps are done.
     fn is_done(&mut self, _state: &TrainingState) -> bool {
         false
     }
 
-    /// The divergence of the state after a step, where it is measured.
+    /// Returns the divergence of the state after a step, if it is measured.
     fn divergence(&mut self, _state: &TrainingState) -> Option<Divergence> {
         None
     }
@@ -100,7 +98,7 @@ impl<F: FnMut(&[f32], usize) -> Result<Option<StepGradient>>> Trainable for F {
     }
 }
 
-/// A run on its way.
+/// A run in progress.
 pub(crate) struct Trainer<'a> {
     pub state: TrainingState,
     config: FitConfig,
@@ -113,8 +111,8 @@ pub(crate) struct Trainer<'a> {
 }
 
 impl<'a> Trainer<'a> {
-    /// A run from `blank`, its state before the first step, or from its checkpoint. `config` sets
-    /// the optimiser and the number of steps; a checkpoint must agree on `settings`.
+    /// Starts a run from `blank`, its state before the first step, or from its checkpoint. `config` sets the
+    /// optimiser and the number of steps; a checkpoint must agree on `settings`.
     pub fn new(
         config: &FitConfig,
         settings: &impl Serialize,
@@ -133,7 +131,7 @@ impl<'a> Trainer<'a> {
         Ok(Self { state, config, settings, samples_per_step, run, first_step, earlier_seconds, start })
     }
 
-    /// A whole run without validation: its last state.
+    /// Runs to the end without validation and returns the last state.
     pub fn run(mut self, training: &mut dyn Trainable) -> Result<TrainingState> {
         self.report(None)?;
         self.train(training)?;
@@ -154,7 +152,7 @@ impl<'a> Trainer<'a> {
                 break;
             }
             let divergence = training.divergence(&self.state);
-            // Before the checkpoint: a run that goes on from it has been told of everything up to it.
+            // Before the checkpoint, so that a resumed run has reported everything up to it.
             self.report(divergence)?;
             if let Some(divergence) = divergence {
                 self.state.judge(&self.config, divergence);
@@ -169,7 +167,7 @@ impl<'a> Trainer<'a> {
     /// Reports the end of the run and saves it.
     pub fn finish(&mut self, divergence: Option<Divergence>) -> Result<()> {
         self.report(divergence)?;
-        // Of a run that was done already, everything is saved.
+        // A resumed run that takes no step is saved already.
         if self.first_step == 0 || self.state.step > self.first_step { self.save() } else { Ok(()) }
     }
 
@@ -190,7 +188,7 @@ impl<'a> Trainer<'a> {
         (self.run.progress)(&progress)
     }
 
-    /// Wall-clock seconds of the run, over all its processes.
+    /// Returns the wall-clock seconds of the run, over all its processes.
     pub fn seconds(&self) -> f64 {
         self.earlier_seconds + self.start.elapsed().as_secs_f64()
     }

@@ -1,4 +1,4 @@
-//! How far a head is from its target, on a fixed set of conditions and points.
+//! Divergence of a head from its target, on a fixed set of conditions and points.
 
 use burn::prelude::Device;
 use headtail_model::Head;
@@ -12,16 +12,16 @@ use crate::{
     loss::LossDerivatives,
 };
 
-/// Means over the conditions under which the target is not zero everywhere. With a learned share they are those of the
-/// mixture with BRDF sampling.
+/// Means over the conditions under which the target is not zero everywhere. With a learned mixture weight
+/// they are those of the mixture with BRDF sampling.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Divergence {
     /// `KL(q* || q)` in nats.
     pub kl: f64,
     /// `ln(1 + chi^2(q* || q))` in nats: the Renyi divergence of order 2.
     pub log_chi_square: f64,
-    /// Relative variance of the weight `q* / q`, i.e. the chi-square divergence itself: the variance of a one-sample estimate
-    /// over the square of its mean, without shadows.
+    /// Relative variance of the weight `q* / q`, i.e. the chi-square divergence itself: the variance of a
+    /// one-sample estimate over the square of its mean, without shadows.
     pub relative_variance: f64,
 }
 
@@ -30,14 +30,15 @@ pub struct Validation {
     batch: Batch,
 }
 
-/// Conditions that go through the networks together.
+/// Conditions evaluated together.
 const CHUNK: usize = 16;
 
 impl Validation {
     /// Draws conditions and points.
     ///
     /// # Errors
-    /// [`Error::EmptyTarget`] if the target is zero under all of them, [`Error::BadTarget`] if it is not a density.
+    /// [`Error::EmptyTarget`] if the target is zero under all conditions, [`Error::BadTarget`] if it is not a
+    /// density.
     pub fn new(target: &dyn Target, shape: BatchShape, seed: u64) -> Result<Self> {
         let batch = Batch::draw(target, shape, seed, Purpose::Validation, 0)?;
         if batch.lit_count() == 0 {
@@ -46,7 +47,7 @@ impl Validation {
         Ok(Self { batch })
     }
 
-    /// The divergence of `head`, which lives on `device` (without autodiff).
+    /// Returns the divergence of `head`, which lives on `device` (without autodiff).
     pub fn divergence(&self, head: &Head, device: &Device) -> Divergence {
         let mut sum = Divergence { kl: 0.0, log_chi_square: 0.0, relative_variance: 0.0 };
         let count = self.batch.lit_count() as f64;

@@ -1,4 +1,4 @@
-"""Cycles, the renderer of Blender, by the Python module bpy."""
+"""Cycles, Blender's renderer, by the Python module bpy."""
 
 import math
 import tempfile
@@ -35,7 +35,7 @@ class Renderer:
         self.scene.world = world
         nodes, link = empty_tree(world)
         coordinates, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")
-        # Blender shows the middle column of a map at -Y, glTF viewers and headtail at what becomes +X.
+        # Blender places the middle column of a map at -Y, glTF viewers and headtail at what becomes +X.
         mapping.inputs["Rotation"].default_value = (0, 0, math.radians(90))
         texture, background = nodes.new("ShaderNodeTexEnvironment"), nodes.new("ShaderNodeBackground")
         texture.image = bpy.data.images.load(picture.map)
@@ -72,9 +72,9 @@ class Renderer:
         cycles.use_guiding = guiding
 
     def render(self, samples, seed):
-        """(linear image, seconds, seconds of preparation among them)"""
+        """Returns (linear image, seconds, of which preparation seconds)."""
         self.scene.cycles.samples, self.scene.cycles.seed = samples, seed
-        # Settings of Cycles alone do not count as changes of the scene.
+        # Changes to the settings of Cycles alone do not update the scene.
         self.scene.render.filepath = str(self.out)
         start = time.perf_counter()
         bpy.ops.render.render(write_still=True)

@@ -1,4 +1,4 @@
-"""Three channels of an OpenEXR file as an array [height, width, 3]."""
+"""Reads three channels of an OpenEXR file as an array [height, width, 3]."""
 
 import numpy as np
 import OpenEXR

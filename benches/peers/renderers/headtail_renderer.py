@@ -1,4 +1,4 @@
-"""headtail by its command line. The time of a picture includes the preparation of the sampler."""
+"""headtail by its command line. Render times include the sampler's preparation."""
 
 import json
 import os
@@ -31,7 +31,7 @@ class Renderer:
         ]  # fmt: skip
 
     def render(self, samples, seed):
-        """(linear image, seconds, seconds of preparation among them)"""
+        """Returns (linear image, seconds, of which preparation seconds)."""
         report = json.loads(run([*self.command, f"--spp={samples}", f"--seed={seed}"]))
         if report["auto"]:
             self.note = report["sampler"]
@@ -39,7 +39,7 @@ class Renderer:
         return exr.read(self.out), preparation + report["seconds"], preparation
 
     def coverage(self):
-        """Whether the centre of each pixel sees a surface."""
+        """Returns whether the centre of each pixel sees a surface."""
         run([*self.command, "--spp=1", "--aovs"])
         return exr.read(self.out.with_suffix(".aovs.exr"), "albedo").max(-1) > 0
 

@@ -17,12 +17,12 @@ class Renderer:
         self.scene = pyluxcore.Scene()
         vertices = [tuple(z_up(point)) for point in picture.vertices.tolist()]
         self.scene.DefineMesh("mesh", vertices, [tuple(face) for face in picture.faces.tolist()], None, None, None, None)
-        # The field of view is that of the longer side.
+        # The field of view applies to the longer side.
         aspect = max(1.0, picture.width / picture.height)
         fov = 2 * math.degrees(math.atan(math.tan(math.radians(picture.fov / 2)) * aspect))
-        # LuxCore's picture is one row lower than those of the others; its window is moved by that row.
+        # LuxCore's picture is one row lower than the others', so its window is shifted by a row.
         row = 2 / picture.height
-        # Columns of the map as headtail shows them, after the exchange of axes: a mirroring of x and y.
+        # Matches headtail's columns of the map after the exchange of axes: swaps x and y.
         mirroring = [0, 1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
         self.scene.Parse(properties({
             "scene.camera.type": "perspective",
@@ -45,7 +45,7 @@ class Renderer:
         self.cache = cache
 
     def render(self, samples, seed):
-        """(linear image, seconds, seconds of preparation among them)"""
+        """Returns (linear image, seconds, of which preparation seconds)."""
         own = self.picture
         depth = own.depth + 1
         configuration = pyluxcore.RenderConfig(properties({
@@ -61,7 +61,7 @@ class Renderer:
             "path.clamping.variance.maxvalue": 0.0,
             "film.width": own.width,
             "film.height": own.height,
-            # Samples count for the pixel that they fall into, which is a box filter.
+            # Samples count only for their own pixel, which is a box filter.
             "film.filter.type": "NONE",
             "film.imagepipelines.0.0.type": "NOP",
             "film.outputs.0.type": "RGB",

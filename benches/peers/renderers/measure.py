@@ -1,20 +1,23 @@
 """Variance, means and ratios of renderings.
 
-An image of an unbiased renderer has an MSE equal to its variance, so that no converged reference is needed. The variance of each
-pixel is estimated from independent runs. Sums over blocks of pixels are kept: images are compared and intervals drawn from them."""
+The MSE of an unbiased renderer equals its variance, so no converged reference is needed. The variance of each
+pixel is estimated from independent runs. Images are compared by sums over
+blocks of pixels, which also give the intervals."""
 
 import numpy as np
 
 BLOCK = 16
-# Renderers agree if the means of their pictures differ by at most this fraction, beyond three standard errors ...
+# Renderers agree if the means of their pictures differ by at most this fraction plus three standard errors
+# ...
 MEAN_TOLERANCE = 0.005
-# ... and the means of blocks by this fraction of the picture's mean, as a root mean square beyond three standard errors.
+# ... and the means of blocks by this fraction of the picture's mean, as a root mean square beyond three
+# standard errors.
 BLOCK_TOLERANCE = 0.03
 RESAMPLINGS = 2000
 
 
 def interior(coverage):
-    """Pixels whose neighbours are covered, too: no silhouette passes through them."""
+    """Returns pixels whose neighbours are also covered, so that no silhouette passes through them."""
     padded = np.pad(coverage, 1, mode="edge")
     height, width = coverage.shape
     shifted = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
@@ -22,7 +25,7 @@ def interior(coverage):
 
 
 def block_sums(values, mask):
-    """Sums of [height, width] over the blocks, of pixels in the mask."""
+    """Returns sums of [height, width] values over blocks, for pixels in the mask."""
     height, width = values.shape
     rows, columns = -(-height // BLOCK), -(-width // BLOCK)
     padded = np.zeros((rows * BLOCK, columns * BLOCK))
@@ -31,7 +34,7 @@ def block_sums(values, mask):
 
 
 def summary(images, mask):
-    """Variance and mean of pixels in the mask, over all channels, with the sums of blocks."""
+    """Returns variance and mean of pixels in the mask over all channels, with the sums of blocks."""
     images = np.array(images)
     variance = block_sums(images.var(0, ddof=1).mean(-1), mask)
     sums = np.array([block_sums(image.mean(-1), mask) for image in images])
@@ -50,13 +53,14 @@ def rounded(values, digits=4):
 
 
 def difference(own, other):
-    """(relative difference of means, its standard error, relative difference of blocks beyond noise) of two rows."""
+    """Returns (relative difference of means, its standard error, relative difference of blocks beyond noise)
+    of two rows."""
     relative = own["mean"] / other["mean"] - 1
     error = np.hypot(own["mean_error"] / own["mean"], other["mean_error"] / other["mean"])
     a, b = own["blocks"], other["blocks"]
     noise = np.square(a["error"]) + np.square(b["error"])
     excess = np.sum(np.square(np.subtract(a["sum"], b["sum"])) - noise)
-    # Squares of normal numbers deviate from their expectation by the square root of 2, and so do variances from few runs.
+    # Squares of normal variables deviate from their expectation by sqrt(2), as do variances from few runs.
     excess -= 3 * np.sqrt((2 + 2 / (own["runs"] - 1)) * np.sum(np.square(noise)))
     blocks = np.sqrt(max(excess, 0) * len(noise)) / np.sum(b["sum"])
     return relative, error, blocks
@@ -68,13 +72,14 @@ def agree(own, other):
 
 
 def at_budget(row, preparation=True):
-    """The factor from the variance of a row to that at its budget: variance falls with one over time."""
+    """Returns the factor from the variance of a row to that at its budget: variance is inverse to time."""
     seconds = row["seconds"] if preparation else row["seconds"] - row["preparation"]
     return seconds / row["budget"]
 
 
 def ratio(baseline, row, preparation=True):
-    """Variance of a baseline over that of a row at equal time, with a 95 % interval from resampled blocks."""
+    """Returns the variance of a baseline over that of a row at equal time, with a 95 % interval from
+    resampled blocks."""
     factor = at_budget(baseline, preparation) / at_budget(row, preparation)
     above, below = np.array(baseline["blocks"]["variance"]), np.array(row["blocks"]["variance"])
     drawn = np.random.default_rng(0).integers(0, len(above), (RESAMPLINGS, len(above)))
@@ -84,7 +89,8 @@ def ratio(baseline, row, preparation=True):
 
 
 def samples_for(renderer, budget, start, log):
-    """The samples per pixel that take about a budget, without preparation. Renders images that do not count."""
+    """Returns the samples per pixel that take about a budget without preparation; its test renderings are
+    discarded."""
     samples = start
     for _ in range(5):
         renderer.render(samples, 1)  # compiles kernels for this size

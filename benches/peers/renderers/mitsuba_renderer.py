@@ -1,4 +1,4 @@
-"""Mitsuba 3: its integrators `direct` and `path`, with the map's sampling as it is or compensated for BSDF sampling."""
+"""Mitsuba 3: its integrators `direct` and `path`, with plain or BSDF-compensated sampling of the map."""
 
 import time
 
@@ -9,7 +9,7 @@ from views import ALBEDO
 
 
 def use_fastest_variant():
-    """Selects llvm_ad_rgb where LLVM is found, else scalar_rgb."""
+    """Selects llvm_ad_rgb if LLVM is found, else scalar_rgb."""
     try:
         mi.set_variant("llvm_ad_rgb")
         import drjit
@@ -50,7 +50,7 @@ class Renderer:
         })  # fmt: skip
 
     def render(self, samples, seed):
-        """(linear image, seconds, seconds of preparation among them)"""
+        """Returns (linear image, seconds, of which preparation seconds)."""
         start = time.perf_counter()
         image = np.array(mi.render(self.scene, spp=samples, seed=seed))
         return image[..., :3].astype(np.float64), time.perf_counter() - start, 0.0

@@ -1,13 +1,14 @@
-"""headtail beside Cycles, LuxCore and Mitsuba: variance at equal wall-clock time, on the same pictures.
+"""Compares headtail with Cycles, LuxCore and Mitsuba: variance at equal wall-clock time, on the same pictures.
 
     python benches/peers/renderers/run.py --data FOLDER [--store FILE] [--views NAME,...] [--renderers NAME,...]
 
-Same triangles, camera, map, material and box filter; no clamping, denoising or adaptive sampling. The time is that of the rendering
-call, after another one has built the scene and compiled kernels; the preparation of samplers (headtail) and the visibility cache
-(LuxCore) are part of it. The samples of a run take about the budget without that, and the variance counts multiplied by seconds over
-budget.
-A renderer that cannot be imported is skipped, and one whose pictures differ from those of Cycles has no ratio: both are said on
-standard error, with the progress. The rows are printed as JSON. Rows in the file of --store are not measured again.
+Same triangles, camera, map, material and box filter; no clamping, denoising or adaptive sampling. The time is that of the
+rendering call, after another one has built the scene and compiled kernels; the preparation of samplers (headtail)
+and the visibility cache (LuxCore) are included. The samples of a run take about the budget without preparation, and
+the variance is multiplied by seconds over budget.
+Renderers that cannot be imported are skipped, and those whose pictures differ from Cycles have no ratio; standard
+error reports both, with the progress. The rows are printed as JSON. Rows in the file of --store are not measured
+again.
 
 headtail is the program of this checkout (`cargo build --release`), or the one named by HEADTAIL."""
 
@@ -31,7 +32,7 @@ import measure
 import views
 
 BASELINE = "Cycles"
-# Module and options of each renderer, and the depths that it is measured at.
+# Module and options of each renderer, and the measured depths.
 RENDERERS = {
     "Cycles": ("cycles_renderer", {}, (1, 4)),
     "Cycles, path guiding": ("cycles_renderer", {"guiding": True}, (4,)),
@@ -88,7 +89,7 @@ def main():
 
 
 def importable(names):
-    """Names of renderers whose modules can be imported; the others are said."""
+    """Returns names of renderers whose modules can be imported, and reports the others."""
     found, known = [], {}
     for name in names:
         module = RENDERERS[name][0]
@@ -110,7 +111,7 @@ def key(row):
 
 
 def stored(path):
-    """Rows of a file, of which an interrupted run may have left the last one incomplete."""
+    """Returns the rows of a file, whose last one may be incomplete after an interruption."""
     rows = []
     for line in path.read_text().splitlines() if path and path.exists() else []:
         try:
@@ -133,7 +134,7 @@ def measure_view(view, options, available, rows, folder):
         map=str(files[1].resolve()), threads=options.threads, glb=str(glb),
     )  # fmt: skip
     coverage = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, **frame)).coverage()
-    # What other renderers read is rounded as the file is.
+    # Rounded like the file that other renderers read.
     np.savez(geometry, vertices=vertices.astype(np.float32).astype(float), faces=faces, coverage=coverage)
     known = {key(row) for row in rows}
     for depth in options.depths:
@@ -156,7 +157,8 @@ def measure_view(view, options, available, rows, folder):
 
 
 def by_worker(task, folder, timeout):
-    """Rows that a process of its own measures: renderers bring libraries that exclude each other, and print as they please."""
+    """Returns rows that a separate process measures, since renderers load conflicting libraries and print to
+    standard output."""
     file, out = folder / "task.json", Path(task["out"])
     file.write_text(json.dumps(task))
     out.unlink(missing_ok=True)
@@ -199,7 +201,7 @@ def work(task):
 
 
 def report(rows):
-    """The rows with their ratios to the baseline, and geometric means over pictures."""
+    """Returns the rows with their ratios to the baseline, and geometric means over pictures."""
     views_in_order, renderers = [view.name for view in views.VIEWS], list(RENDERERS)
     place = lambda row: (row["depth"], row["budget"], views_in_order.index(row["view"]), row["material"], renderers.index(row["renderer"]))
     baselines = {place(row)[:4]: row for row in rows if row["renderer"] == BASELINE}
@@ -225,7 +227,7 @@ def report(rows):
 
 
 def compared(row, baseline):
-    """How a row compares with the baseline; without a ratio if their pictures differ."""
+    """Compares a row with the baseline; without a ratio if their pictures differ."""
     relative, error, blocks = measure.difference(row, baseline)
     own = {"mean_difference": relative, "mean_difference_error": error, "block_difference": blocks}
     if not measure.agree(row, baseline):
@@ -246,7 +248,7 @@ def compared(row, baseline):
 
 
 def digits(value):
-    """Three significant digits."""
+    """Formats three significant digits."""
     return f"{value:.{max(0, 2 - int(np.floor(np.log10(value))))}f}"
 
 

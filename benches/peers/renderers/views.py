@@ -1,4 +1,4 @@
-"""The views that all renderers render: triangles, camera, map and materials."""
+"""The views for all renderers: triangles, camera, map and materials."""
 
 import sys
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ VIEWS = [
 
 @dataclass
 class Picture:
-    """What a renderer is given. Axes are those of glTF: Y is up."""
+    """The input of a renderer, in the axes of glTF: Y is up."""
 
     vertices: np.ndarray  # [n, 3]
     faces: np.ndarray  # [m, 3]
@@ -64,10 +64,10 @@ class Picture:
 
 
 def opened(view, data):
-    """(vertices, faces, look from, look at, field of view) of a view."""
+    """Returns (vertices, faces, look from, look at, field of view) of a view."""
     vertices, faces = scene.read_glb(data / "scenes" / f"{view.scene}.glb")
     if view.camera:
-        # The reader adds a ground of two triangles, which rooms do not have.
+        # Rooms do not use the ground of two triangles that the reader adds.
         return vertices[:-4], faces[:-2], *view.camera
     low, high = vertices[:-4].min(0), vertices[:-4].max(0)
     center, size = (low + high) / 2, np.linalg.norm(high - low)
@@ -80,5 +80,5 @@ def map_file(view, data):
 
 
 def z_up(point):
-    """The axes of Blender and LuxCore, whose Z is up."""
+    """Converts to the axes of Blender and LuxCore, where Z is up."""
     return [point[0], -point[2], point[1]]

@@ -2,22 +2,23 @@
 
 use headtail_render::random::{Purpose, Stream};
 
-/// A value with the ends of its 95 % interval.
+/// A value with its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
-    /// The value of all data.
+    /// Value for all data.
     pub value: f64,
-    /// Its 2.5th percentile over resampled data.
+    /// 2.5th percentile over resampled data.
     pub low: f64,
-    /// Its 97.5th percentile.
+    /// 97.5th percentile.
     pub high: f64,
 }
 
-/// Resamplings.
+/// Number of resamples.
 const RESAMPLES: u64 = 1000;
 
-/// The interval of `statistic`, which is called with numbers to draw indices by: the first call must use the data as they are (`None`), the others resample
-/// them. Resamples without a value are left out. Equal data give equal intervals.
+/// Returns the interval of `statistic`, which draws indices from its argument: the first call must use the
+/// data unchanged (`None`), the others resample them. Resamples without a value are excluded. Equal data give
+/// equal intervals.
 pub fn bootstrap(statistic: impl Fn(Option<&mut Stream>) -> Option<f64>) -> Option<Interval> {
     let value = statistic(None)?;
     let resample = |k| statistic(Some(&mut Stream::new(k, Purpose::Test, 0)));
@@ -31,7 +32,7 @@ pub fn bootstrap(statistic: impl Fn(Option<&mut Stream>) -> Option<f64>) -> Opti
     (!values.is_empty()).then(|| Interval { value, low: percentile(0.025), high: percentile(0.975) })
 }
 
-/// An index below `count`.
+/// Returns a random index below `count`.
 pub fn index(random: &mut Stream, count: usize) -> usize {
     ((f64::from(random.uniform()) * count as f64) as usize).min(count - 1)
 }
@@ -58,13 +59,14 @@ mod tests {
                 (interval.low..=interval.high).contains(&6.0)
             })
             .count();
-        // Percentile intervals of 40 values cover about 93.5 %; binomial standard deviation 1.4 %, four of them.
+        // Percentile intervals of 40 values cover about 93.5 %; the tolerance is four binomial standard
+        // deviations of 1.4 %.
         let covered = hits as f64 / f64::from(trials);
         assert!((covered - 0.935).abs() < 0.06, "{covered}");
     }
 
     #[test]
-    fn what_does_not_vary_has_an_interval_of_no_width() {
+    fn constant_data_give_an_interval_of_zero_width() {
         let interval = bootstrap(|_| Some(3.0)).unwrap();
         assert_eq!((interval.value, interval.low, interval.high), (3.0, 3.0, 3.0));
         assert_eq!(bootstrap(|_| None), None);

@@ -1,4 +1,4 @@
-//! The error of one sampler on one view as a function of rendering time.
+//! Error of one sampler on one view as a function of rendering time.
 
 /// Measured points of one sampler on one view: seconds of rendering and mean squared error, by increasing time.
 #[derive(Clone, Debug, PartialEq)]
@@ -9,13 +9,14 @@ pub struct Curve {
     pub preparation: f64,
 }
 
-/// How far beyond the measured times an error is read off, as a factor.
+/// Factor beyond the measured times up to which errors are extrapolated.
 const REACH: f64 = 2.5;
-/// The power by which errors fall with time where only one budget was measured: that of independent samples.
+/// Exponent of error over time if only one budget was measured: that of independent samples.
 const INDEPENDENT: f64 = -1.0;
 
 impl Curve {
-    /// The curve through points, which are sorted; `None` without a point, or with one that is not positive.
+    /// Returns the curve through points, which are sorted; `None` without points or with one that is not
+    /// positive.
     pub fn new(mut points: Vec<(f64, f64)>, preparation: f64) -> Option<Self> {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         let is_positive = |x: f64| x > 0.0 && x.is_finite();
@@ -23,8 +24,9 @@ impl Curve {
         all.then_some(Self { points, preparation })
     }
 
-    /// The error after `seconds`, of which preparation takes its part if `counts_preparation`. Between two measured times it follows the power law
-    /// through them, beyond them that of the nearest two. `None` if no time is left, or it is more than 2.5 times off the measured ones.
+    /// Returns the error after `seconds`, less the preparation if `counts_preparation`. Between two measured
+    /// times it follows the power law through them, beyond them that of the nearest two. `None` if no time is
+    /// left, or if it is more than a factor of 2.5 outside the measured ones.
     pub fn error_at(&self, seconds: f64, counts_preparation: bool) -> Option<f64> {
         let time = if counts_preparation { seconds - self.preparation } else { seconds };
         let (first, last) = (self.points[0].0, self.points[self.points.len() - 1].0);
@@ -38,7 +40,7 @@ impl Curve {
         Some(y0 * (time / x0).powf(slope))
     }
 
-    /// The power by which the error changes with time, between the first and the last budget; `None` with one budget.
+    /// Returns the exponent of error over time between the first and the last budget; `None` with one budget.
     pub fn slope(&self) -> Option<f64> {
         let ((x0, y0), (x1, y1)) = (self.points[0], self.points[self.points.len() - 1]);
         (x1 > 1.05 * x0).then(|| (y1 / y0).ln() / (x1 / x0).ln())
@@ -61,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_far_from_what_was_measured_are_not_invented() {
+    fn errors_are_not_extrapolated_far_beyond_the_measurements() {
         let curve = Curve::new(vec![(0.25, 2.0), (1.0, 0.5)], 0.9).unwrap();
         assert_eq!(curve.error_at(0.05, false), None);
         assert_eq!(curve.error_at(3.0, false), None);

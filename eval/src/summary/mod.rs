@@ -1,7 +1,8 @@
-//! From measurements to ratios with intervals.
+//! Ratios with intervals from measurements.
 //!
-//! The error of a sampler after some time is read off the errors that were measured at its budgets, by the power law between them ([`Curve`]). Ratios of
-//! errors are averaged geometrically over views; their intervals are percentiles of a bootstrap over views and, within each, over runs ([`Ratios`]).
+//! The error of a sampler at a given time follows from the errors measured at its budgets, by the power law
+//! between them ([`Curve`]). Ratios of errors are averaged geometrically over views; their intervals are
+//! percentiles of a bootstrap over views and, within each, over runs ([`Ratios`]).
 //!
 //! | file | concept |
 //! | --- | --- |

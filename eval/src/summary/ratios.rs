@@ -1,4 +1,4 @@
-//! How many times lower the error of a sampler is than that of a baseline, over views.
+//! Ratios of a baseline's error to a sampler's, over views.
 
 use std::collections::BTreeMap;
 
@@ -10,12 +10,12 @@ use super::{
 };
 use crate::{ViewKey, store::Record};
 
-/// The runs of all samplers on one view.
+/// Runs of all samplers on one view.
 #[derive(Clone, Debug)]
 pub struct ViewRuns {
     /// The view.
     pub key: ViewKey,
-    /// By sampler, then by budget, then by run.
+    /// Runs by sampler and budget.
     pub samplers: BTreeMap<String, BTreeMap<String, Vec<Record>>>,
 }
 
@@ -31,10 +31,10 @@ pub fn views_of(records: &[Record]) -> Vec<ViewRuns> {
     views.into_values().collect()
 }
 
-/// What is compared at what cost.
+/// Cost at which errors are compared.
 #[derive(Clone, Debug)]
 pub enum Comparison {
-    /// At so many seconds of wall-clock time, with preparation or without.
+    /// At equal wall-clock time, with or without preparation.
     Time {
         /// Seconds.
         seconds: f64,
@@ -46,7 +46,7 @@ pub enum Comparison {
 }
 
 impl ViewRuns {
-    /// The mean error of a sampler; `picks` are the runs that are taken, all of them if `None`.
+    /// Returns the mean error of a sampler over the runs `picks`, or over all runs if `None`.
     fn error(&self, sampler: &str, at: &Comparison, picks: Option<&[usize]>) -> Option<f64> {
         let budgets = self.samplers.get(sampler)?;
         let mean = |runs: &[Record], value: fn(&Record) -> f64| match picks {
@@ -65,12 +65,13 @@ impl ViewRuns {
         }
     }
 
-    /// The smallest error of some samplers.
+    /// Returns the smallest error of some samplers.
     fn least(&self, samplers: &[String], at: &Comparison, picks: Option<&[usize]>) -> Option<f64> {
         samplers.iter().filter_map(|sampler| self.error(sampler, at, picks)).min_by(f64::total_cmp)
     }
 
-    /// The best of some baselines over the best of some samplers, chosen in this view with hindsight.
+    /// Returns the error of the best baseline over that of the best sampler, both chosen in this view with
+    /// hindsight.
     pub fn ratio(
         &self,
         samplers: &[String],
@@ -82,12 +83,12 @@ impl ViewRuns {
         (ratio.is_finite() && ratio > 0.0).then_some(ratio)
     }
 
-    /// Runs of a view.
+    /// Returns the number of runs per sampler and budget.
     fn runs(&self) -> usize {
         self.samplers.values().flat_map(BTreeMap::values).map(Vec::len).max().unwrap_or(0)
     }
 
-    /// The ratio with the interval of its runs.
+    /// Returns the ratio with its interval over runs.
     pub fn interval(&self, samplers: &[String], baselines: &[String], at: &Comparison) -> Option<Interval> {
         let count = self.runs();
         bootstrap(|random| match random {
@@ -106,20 +107,21 @@ fn picks(random: &mut Stream, count: usize) -> Vec<usize> {
 pub struct Ratios {
     /// Geometric mean, with the interval over views and runs.
     pub mean: Interval,
-    /// The smallest.
+    /// Smallest ratio.
     pub least: f64,
-    /// The largest.
+    /// Largest ratio.
     pub most: f64,
-    /// Views with a ratio below 1.
+    /// Number of views with a ratio below 1.
     pub below_one: usize,
-    /// Views that have a ratio.
+    /// Number of views with a ratio.
     pub count: usize,
-    /// Views that have none: the sampler was not measured there, or its preparation takes the whole time.
+    /// Number of views without one: the sampler was not measured there, or its preparation takes all the
+    /// time.
     pub without: usize,
 }
 
 impl Ratios {
-    /// The ratios of the best of `baselines` to the best of `samplers`; `None` without a view that has one.
+    /// Returns the ratios of the best of `baselines` to the best of `samplers`; `None` if no view has one.
     pub fn of(views: &[&ViewRuns], samplers: &[String], baselines: &[String], at: &Comparison) -> Option<Self> {
         let ratios: Vec<(&ViewRuns, f64)> =
             views.iter().filter_map(|view| Some((*view, view.ratio(samplers, baselines, at, None)?))).collect();
@@ -149,7 +151,7 @@ impl Ratios {
     }
 }
 
-/// The geometric mean; `None` of nothing.
+/// Returns the geometric mean; `None` without values.
 pub fn geometric_mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), value| (sum + value.ln(), count + 1));
     (count > 0).then(|| (sum / count as f64).exp())
@@ -185,7 +187,8 @@ mod tests {
         }
     }
 
-    /// `ours` has half the error of `mis` in one view and the same in the other; `table` an eighth, after a long preparation.
+    /// `ours` has half the error of `mis` in one view and the same in the other; `table` has 1/8, after a
+    /// long preparation.
     fn records() -> Vec<Record> {
         let mut records = Vec::new();
         for (scene, factor) in [("a", 0.5), ("b", 1.0)] {
@@ -213,7 +216,7 @@ mod tests {
         let ratios = Ratios::of(&views, &names(&["ours"]), &names(&["mis", "mis2"]), &at).unwrap();
         assert!((ratios.mean.value - 2.0_f64.sqrt()).abs() < 1e-9 && (ratios.least - 1.0).abs() < 1e-9);
         assert_eq!((ratios.count, ratios.below_one, ratios.without), (2, 0, 0));
-        // Noise that runs share cancels; the interval is that of drawing the two views.
+        // Noise common to the runs cancels; the interval is that of drawing the two views.
         assert!((ratios.mean.low - 1.0).abs() < 1e-9 && (ratios.mean.high - 2.0).abs() < 1e-9, "{ratios:?}");
         let at = Comparison::Samples("1s".into());
         assert!(
@@ -223,13 +226,13 @@ mod tests {
     }
 
     #[test]
-    fn preparation_that_takes_the_time_leaves_no_ratio() {
+    fn ratio_is_none_if_preparation_takes_all_time() {
         let views = views_of(&records());
         let views: Vec<&ViewRuns> = views.iter().collect();
         let at = |seconds| Comparison::Time { seconds, counts_preparation: true };
         let [table, mis] = [names(&["table"]), names(&["mis"])];
         assert_eq!(Ratios::of(&views, &table, &mis, &at(0.5)), None);
-        // Half of two seconds less 0.9 are left of the time.
+        // Of the two seconds, 1.1 are left after preparation.
         let ratios = Ratios::of(&views, &table, &mis, &at(2.0)).unwrap();
         assert!((ratios.mean.value - 8.0 * 1.1 / 2.0).abs() < 1e-6, "{ratios:?}");
     }

@@ -4,13 +4,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Result, coupling::Coordinate, error::within, spline::logit_count};
 
-/// What the layers that transform the elevation see.
+/// Inputs of the layers that transform the elevation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FlowForm {
-    /// The azimuth, as the azimuth's layers see the elevation (the paper's).
+    /// The azimuth; the azimuth's layers depend on the elevation likewise (the paper's form).
     Coupled,
-    /// Nothing: `p(v) p(u | v)`. Rows of the square stay rows, so that all cells of a table have convex images, whatever the weights.
+    /// None: `p(v) p(u | v)`. Rows of the square stay rows, so all cells of a table have convex images for
+    /// any weights.
     Triangular,
 }
 
@@ -18,31 +19,32 @@ pub enum FlowForm {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlowConfig {
-    /// What the elevation's layers see.
+    /// Inputs of the elevation's layers.
     pub form: FlowForm,
     /// Bins K per spline.
     pub bins: usize,
-    /// Coupling layers; they transform elevation and azimuth in turn.
+    /// Number of coupling layers, which transform elevation and azimuth in turn.
     pub couplings: usize,
     /// Width of the residual networks.
     pub hidden: usize,
-    /// Residual blocks of each network, of two layers each.
+    /// Residual blocks per network, of two layers each.
     pub residual_blocks: usize,
-    /// Octaves in which a network sees the other coordinate: 1 is (cos, sin) of the azimuth, or the elevation as it is.
+    /// Octaves of the other coordinate's features: 1 is (cos, sin) of the azimuth, or the elevation
+    /// unchanged.
     pub octaves: usize,
     /// Slope of the leaky ReLU for negative arguments.
     pub leaky_slope: f32,
 }
 
 impl Default for FlowConfig {
-    /// [`FlowConfig::SMALL`].
+    /// Returns [`FlowConfig::SMALL`].
     fn default() -> Self {
         Self::SMALL
     }
 }
 
 impl FlowConfig {
-    /// Trained on a processor in minutes.
+    /// A flow that trains on a CPU in minutes.
     pub const SMALL: Self = Self {
         form: FlowForm::Triangular,
         bins: 64,
@@ -52,7 +54,7 @@ impl FlowConfig {
         octaves: 5,
         leaky_slope: 0.01,
     };
-    /// The paper's: 128 bins, 16 coupling layers, 256 hidden units, two residual blocks.
+    /// The paper's flow: 128 bins, 16 coupling layers, 256 hidden units, two residual blocks.
     pub const PAPER: Self = Self {
         form: FlowForm::Coupled,
         bins: 128,
@@ -63,22 +65,23 @@ impl FlowConfig {
         leaky_slope: 0.01,
     };
 
-    /// Logits of a spline.
+    /// Returns the number of logits per spline.
     pub const fn logits(&self) -> usize {
         logit_count(self.bins)
     }
 
-    /// The coordinate that a coupling layer transforms, counted in the density direction.
+    /// Returns the coordinate that a coupling layer transforms, counted in the density direction.
     pub const fn target(&self, coupling: usize) -> Coordinate {
         if coupling.is_multiple_of(2) { Coordinate::Elevation } else { Coordinate::Azimuth }
     }
 
-    /// Whether the network of a layer that transforms `target` sees the other coordinate; else it sees that coordinate as 0.
+    /// Returns whether the network of a layer that transforms `target` uses the other coordinate; otherwise
+    /// its input is 0.
     pub fn sees_other(&self, target: Coordinate) -> bool {
         self.form == FlowForm::Coupled || target == Coordinate::Azimuth
     }
 
-    /// How many features a network sees of the coordinate that is not `target`.
+    /// Returns the number of features of the coordinate that is not `target`.
     pub const fn features(&self, target: Coordinate) -> usize {
         match target {
             Coordinate::Elevation => 2 * self.octaves,
@@ -89,7 +92,7 @@ impl FlowConfig {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`crate::Error::Config`] names the first field that is out of range.
+    /// [`crate::Error::Config`] naming the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         within("flow.shape.bins", self.bins, 2..=128, "in 2..=128")?;
         within("flow.shape.couplings", self.couplings, 2..=64, "in 2..=64")?;

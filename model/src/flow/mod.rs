@@ -1,4 +1,5 @@
-//! The flow tail: a large unconditional spline flow between the intermediate square Y and the lat-long map X (the paper, section 4.1).
+//! The flow tail: a large unconditional spline flow between the intermediate square Y and the lat-long map X
+//! (section 4.1 of the paper).
 
 mod config;
 mod network;
@@ -21,7 +22,7 @@ use crate::{
     spline,
 };
 
-/// The flow. The density direction is x -> y, in closed form: its coupling layers run in order.
+/// A flow tail. The density direction x -> y is closed form and runs the coupling layers in order.
 #[derive(Module, Debug)]
 pub struct Flow {
     networks: Vec<ResidualNetwork>,
@@ -30,7 +31,7 @@ pub struct Flow {
 }
 
 impl Flow {
-    /// A flow that is the identity. The same on every backend.
+    /// Returns a flow that is the identity, equal on every backend.
     ///
     /// # Errors
     /// If the configuration is out of range.
@@ -44,12 +45,12 @@ impl Flow {
         Ok(Self { networks: (0..config.couplings).map(&mut network).collect(), config })
     }
 
-    /// The flow's shape.
+    /// Returns the flow's shape.
     pub fn config(&self) -> &FlowConfig {
         &self.config
     }
 
-    /// The density direction `x -> (y, ln |dy/dx|)`: `[samples, 2]` to `[samples, 2]` and `[samples]`.
+    /// Maps `x -> (y, ln |dy/dx|)`, the density direction: `[samples, 2]` to `[samples, 2]` and `[samples]`.
     pub fn inverse(&self, x: &Tensor<2>) -> (Tensor<2>, Tensor<1>) {
         let [samples, _] = x.dims();
         let column = |index: usize| x.clone().narrow(1, index, 1).reshape([1, samples]);
@@ -74,18 +75,18 @@ impl Flow {
         (Tensor::cat(vec![u.reshape([samples, 1]), v.reshape([samples, 1])], 1), log.reshape([samples]))
     }
 
-    /// Number of weights.
+    /// Returns the number of weights.
     pub fn weight_count(&self) -> usize {
         linear::count(self.linears())
     }
 
-    /// Every weight in one list: network by network its first layer, the two layers of each block, the last layer; each a row-major
-    /// `[out, in]` weight, then a bias.
+    /// Returns all weights in one list: per network the first layer, the two layers of each block, the last
+    /// layer; per layer a row-major `[out, in]` weight, then a bias.
     pub fn flat_weights(&self) -> Vec<f32> {
         linear::flat_weights(self.linears())
     }
 
-    /// A flow of the same shape with other weights, on `device`.
+    /// Returns a flow of the same shape with other weights, on `device`.
     ///
     /// # Panics
     /// If `flat` does not have [`weight_count`](Self::weight_count) numbers.
@@ -95,7 +96,7 @@ impl Flow {
         self
     }
 
-    /// Gradients in the order of [`flat_weights`](Self::flat_weights).
+    /// Returns the gradients in the order of [`flat_weights`](Self::flat_weights).
     pub fn flat_gradients(&self, gradients: &GradientsParams) -> Vec<f32> {
         linear::flat_gradients(self.linears(), gradients)
     }
@@ -105,8 +106,8 @@ impl Flow {
     }
 }
 
-/// What a network that transforms `target` sees of the other coordinate, `[samples, features]`: of the azimuth the cosines, then the
-/// sines, of `2 pi 2^k u`; of the elevation `2 v - 1`, then the cosines of `pi 2^k v` from `k = 1` on.
+/// Returns the features `[samples, features]` of the coordinate other than `target`. Azimuth: the cosines,
+/// then the sines, of `2 pi 2^k u`. Elevation: `2 v - 1`, then the cosines of `pi 2^k v` for `k >= 1`.
 fn features(target: Coordinate, other: &Tensor<1>, octaves: usize) -> Tensor<2> {
     let scaled = |factor: f64, k: usize| other.clone().mul_scalar(factor * f64::from(1 << k)).unsqueeze_dim::<2>(1);
     let columns: Vec<Tensor<2>> = match target {
@@ -145,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn weights_go_out_and_in() {
+    fn flat_weights_round_trip() {
         let device = Device::flex();
         let flow = Flow::new(FlowConfig { couplings: 2, hidden: 8, ..FlowConfig::SMALL }, 1, &device).unwrap();
         let weights: Vec<f32> = (0..flow.weight_count()).map(|k| (k % 17) as f32 / 17.0 - 0.5).collect();
@@ -153,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn the_papers_flow_has_as_many_weights_as_documented() {
+    fn the_papers_flow_has_the_documented_weight_count() {
         // 16 networks: first layer 3 x 256 or 2 x 256, four of 257 x 256, last 257 x 385.
         let expected = 8 * (3 + 2) * 256 + 16 * (4 * 257 * 256 + 257 * 385);
         let flow = Flow::new(FlowConfig::PAPER, 0, &Device::flex()).unwrap();
@@ -162,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_out_of_range_are_refused_by_name() {
+    fn sizes_out_of_range_are_rejected_by_name() {
         let device = Device::flex();
         for (config, field) in [
             (FlowConfig { bins: 1, ..FlowConfig::SMALL }, "flow.shape.bins"),

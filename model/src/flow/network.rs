@@ -1,4 +1,4 @@
-//! The residual network that gives a spline its logits.
+//! The residual network that predicts a spline's logits.
 
 use burn::{
     module::Module,
@@ -9,8 +9,8 @@ use burn::{
 use super::FlowConfig;
 use crate::linear::{self, Initializer};
 
-/// `h = W x + b`, then blocks `h += W2 a(W1 a(h) + b1) + b2` with the leaky ReLU `a` (He et al. 2016, pre-activation), then
-/// `W a(h) + b`, which starts at zero.
+/// A residual network: `h = W x + b`, then blocks `h += W2 a(W1 a(h) + b1) + b2` with the leaky ReLU `a` (He
+/// et al. 2016, pre-activation), then `W a(h) + b`, which starts at zero.
 #[derive(Module, Debug)]
 pub struct ResidualNetwork {
     linears: Vec<Linear>,
@@ -28,7 +28,7 @@ impl ResidualNetwork {
         Self { linears, leaky_slope: f64::from(config.leaky_slope) }
     }
 
-    /// Logits `[samples, logits]` of features `[samples, inputs]`.
+    /// Returns logits `[samples, logits]` for features `[samples, inputs]`.
     pub fn forward(&self, features: Tensor<2>) -> Tensor<2> {
         let activate = |x: Tensor<2>| linear::leaky_relu(x, self.leaky_slope);
         let (first, rest) = self.linears.split_first().expect("a network has a first layer");

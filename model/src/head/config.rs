@@ -9,7 +9,8 @@ use crate::{
     spline::{MAX_BINS, logit_count},
 };
 
-/// The conditioner encoder: `c -> hidden -> output`, leaky ReLU after both layers. Its output joins the condition.
+/// The conditioner encoder: `c -> hidden -> output`, leaky ReLU after both layers. Its output is appended to
+/// the condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EncoderConfig {
@@ -35,16 +36,18 @@ pub struct HeadConfig {
     pub leaky_slope: f32,
     /// How the coupling layers are joined.
     pub mode: Mode,
-    /// The conditioner encoder; `None` (in files `"none"`) feeds the condition to the spline networks as it is.
+    /// The conditioner encoder; `None` (in files `"none"`) feeds the condition to the spline networks
+    /// unchanged.
     #[serde(with = "optional_encoder")]
     pub encoder: Option<EncoderConfig>,
-    /// Whether the head learns how often to draw from BRDF sampling instead.
+    /// Whether the head learns the probability of drawing from it rather than from BRDF sampling.
     #[serde(alias = "selection")]
     pub share: bool,
 }
 
 impl HeadConfig {
-    /// Cosine-weighted emitter sampling (the paper's section 5.1): the condition is the normal, K = 4, no encoder.
+    /// Cosine-weighted emitter sampling (section 5.1 of the paper): conditioned on the normal, K = 4, no
+    /// encoder.
     pub const COSINE: Self = Self {
         condition: Condition::Normal,
         bins: 4,
@@ -56,7 +59,7 @@ impl HeadConfig {
         share: false,
     };
 
-    /// Microfacet surfaces (the paper's section 5.2): K = 32, an encoder, roughness as an input.
+    /// Microfacet surfaces (section 5.2 of the paper): K = 32, an encoder, roughness as an input.
     pub const MICROFACET: Self = Self {
         condition: Condition::GgxRoughness,
         bins: 32,
@@ -67,7 +70,7 @@ impl HeadConfig {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`crate::Error::Config`] names the first field that is out of range.
+    /// [`crate::Error::Config`] naming the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         let encoder = self.encoder.unwrap_or(EncoderConfig { hidden: 1, output: 1 });
         within("bins", self.bins, 2..=MAX_BINS, "in 2..=512")?;
@@ -78,18 +81,18 @@ impl HeadConfig {
         within("leaky_slope", self.leaky_slope, 0.0..=1.0, "in 0..=1")
     }
 
-    /// Length of what the spline networks see as the condition: `c`, followed by the encoder's output.
+    /// Returns the length of the spline networks' condition: `c`, followed by the encoder's output.
     pub fn network_condition(&self) -> usize {
         self.condition.length() + self.encoder.map_or(0, |encoder| encoder.output)
     }
 
-    /// Logits per spline.
+    /// Returns the number of logits per spline.
     pub fn logits(&self) -> usize {
         logit_count(self.bins)
     }
 }
 
-/// `"none"` for a head without encoder: a file can then take the encoder of a preset away.
+/// Represents a head without encoder as `"none"`, so that a file can remove a preset's encoder.
 mod optional_encoder {
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
@@ -102,7 +105,7 @@ mod optional_encoder {
         Sizes(EncoderConfig),
     }
 
-    // The signature is serde's.
+    // Serde requires this signature.
     #[allow(clippy::trivially_copy_pass_by_ref)]
     pub fn serialize<S: Serializer>(encoder: &Option<EncoderConfig>, serializer: S) -> Result<S::Ok, S::Error> {
         match encoder {

@@ -1,6 +1,6 @@
-//! All weights of a head, and their gradients, as one list of numbers.
+//! All weights of a head, and their gradients, as one list.
 //!
-//! The order is that of [`Head::weights`]: row-major `[out, in]` weight, then bias, layer by layer.
+//! The order is that of [`Head::weights`]: layer by layer a row-major `[out, in]` weight, then a bias.
 
 use burn::{nn::Linear, optim::GradientsParams, prelude::Device};
 
@@ -12,17 +12,17 @@ impl Head {
         self.parts().flat_map(|(_, layers)| layers)
     }
 
-    /// Number of weights.
+    /// Returns the number of weights.
     pub fn weight_count(&self) -> usize {
         linear::count(self.linears())
     }
 
-    /// Every weight in one list.
+    /// Returns all weights in one list.
     pub fn flat_weights(&self) -> Vec<f32> {
         linear::flat_weights(self.linears())
     }
 
-    /// A head of the same shape with other weights, on `device` (with autodiff where it is to be trained).
+    /// Returns a head of the same shape with other weights, on `device` (with autodiff for training).
     ///
     /// # Panics
     /// If `flat` does not have [`weight_count`](Self::weight_count) numbers.
@@ -32,7 +32,8 @@ impl Head {
         self
     }
 
-    /// Gradients in the order of [`flat_weights`](Self::flat_weights); 0 where the loss does not depend on a weight.
+    /// Returns the gradients in the order of [`flat_weights`](Self::flat_weights); 0 where the loss does not
+    /// depend on a weight.
     pub fn flat_gradients(&self, gradients: &GradientsParams) -> Vec<f32> {
         linear::flat_gradients(self.linears(), gradients)
     }

@@ -1,4 +1,4 @@
-//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the learned share.
+//! The head warp `h: Z -> Y` under a condition: encoder, two coupling layers, and the learned mixture weight.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -32,25 +32,26 @@ use crate::{
 /// Names of the networks in exported files.
 const PARTS: [&str; 4] = ["encoder", "layer0", "layer1", "selection"];
 
-/// The head warp, and the share of samples that it gives where BRDF sampling gives the others.
+/// The head warp and its learned mixture weight beside BRDF sampling.
 ///
-/// Points are grouped by condition: `y` is `[conditions, samples, 2]` and `c` is `[conditions, length]`, so that what depends on
-/// the condition alone is computed once. For one condition per point, `samples` is 1.
+/// Points are grouped by condition: `y` is `[conditions, samples, 2]` and `c` is `[conditions, length]`, so
+/// that terms that depend only on the condition are computed once. `samples` is 1 for one condition per
+/// point.
 #[derive(Module, Debug)]
 pub struct Head {
     /// Empty, or the encoder's two layers.
     encoder: Vec<Linear>,
     layers: Vec<Coupling>,
-    /// Empty, or one.
+    /// Empty, or one network.
     share: Vec<ShareNetwork>,
     #[module(skip)]
     config: HeadConfig,
 }
 
 impl Head {
-    /// A head that is the identity: drawn weights, zero last layers. The same on every backend.
+    /// Returns a head that is the identity: random weights, zero last layers. Equal on every backend.
     ///
-    /// To train, give it an autodiff device.
+    /// Training requires an autodiff device.
     ///
     /// # Errors
     /// [`Error::Config`] if the configuration is out of range.
@@ -86,17 +87,18 @@ impl Head {
         Ok(Self { encoder, layers, share, config })
     }
 
-    /// The head's shape.
+    /// Returns the head's shape.
     pub fn config(&self) -> &HeadConfig {
         &self.config
     }
 
-    /// `ln q(y|c)` per unit area of Y, `[conditions, samples]`.
+    /// Returns `ln q(y|c)` per unit area of Y, `[conditions, samples]`.
     pub fn log_density(&self, y: &Tensor<3>, c: Tensor<2>) -> Tensor<2> {
         self.inverse(y, c).1
     }
 
-    /// The density direction `y -> (z, ln |dz/dy|)`: `[conditions, samples, 2]` and `[conditions, samples]`. Closed form.
+    /// Maps `y -> (z, ln |dz/dy|)`, the density direction, in closed form: `[conditions, samples, 2]` and
+    /// `[conditions, samples]`.
     pub fn inverse(&self, y: &Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
         let condition = self.encode(c);
         let [u, v] = split(y);
@@ -109,7 +111,7 @@ impl Head {
         (join(z_u, z_v), log_v + log_u)
     }
 
-    /// Samples: uniform `z` (`[conditions, samples, 2]`) to `y` and `ln q(y|c)` per unit area of Y.
+    /// Samples: maps uniform `z` (`[conditions, samples, 2]`) to `y` and `ln q(y|c)` per unit area of Y.
     pub fn sample(&self, z: &Tensor<3>, c: Tensor<2>) -> (Tensor<3>, Tensor<2>) {
         let condition = self.encode(c);
         let [z_u, z_v] = split(z);
@@ -127,19 +129,20 @@ impl Head {
         }
     }
 
-    /// Logits `[conditions, 1]` of the probability to draw from the head rather than from the BRDF, for
-    /// [`share_of_logit`]; `None` without [`HeadConfig::share`].
+    /// Returns logits `[conditions, 1]` of the probability of drawing from the head rather than from the
+    /// BRDF, for [`share_of_logit`]; `None` without [`HeadConfig::share`].
     pub fn share_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
         let [network] = self.share.as_slice() else { return None };
         Some(network.logits(self.encode(c)))
     }
 
-    /// Every weight, row-major `[out, in]`, in the order in which they are drawn: `encoder.linear{0,1}.{weight,bias}` (where
-    /// there is an encoder), `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth), then
-    /// `selection.linear{0,1}` (where a share is learned).
+    /// Returns all weights, row-major `[out, in]`, in the order in which they are drawn:
+    /// `encoder.linear{0,1}.{weight,bias}` (with an encoder),
+    /// `layer0.linear{0..=hidden_layers}.{weight,bias}` (elevation), then `layer1` (azimuth), then
+    /// `selection.linear{0,1}` (with a learned mixture weight).
     ///
-    /// Inputs of a layer's `linear0` are, in this order: the condition `c`, the encoder's output, and the other coordinate's
-    /// features (`cos 2 pi u`, `sin 2 pi u`, or `v`).
+    /// Inputs of a layer's `linear0` are, in order: the condition `c`, the encoder's output, and the other
+    /// coordinate's features (`cos 2 pi u`, `sin 2 pi u`, or `v`).
     pub fn weights(&self) -> Vec<NamedTensor> {
         let mut weights = Vec::new();
         for (part, layers) in self.parts() {
@@ -148,7 +151,7 @@ impl Head {
         weights
     }
 
-    /// The converse of [`weights`](Self::weights), in any order of `weights`.
+    /// Builds a head from [`weights`](Self::weights), in any order.
     ///
     /// # Errors
     /// If the configuration is out of range, a weight is missing, unknown, of the wrong shape or not finite.
@@ -163,7 +166,7 @@ impl Head {
         }
     }
 
-    /// The networks by the names under which they are exported, in the order in which they are drawn.
+    /// Iterates over the networks with their names in exported files, in the order in which they are drawn.
     fn parts(&self) -> impl Iterator<Item = (&'static str, &[Linear])> {
         let layers = self.layers.iter().map(|layer| layer.network().linears());
         let networks = layers.chain(self.share.iter().map(ShareNetwork::linears));
@@ -176,7 +179,7 @@ impl Head {
         PARTS.into_iter().zip(std::iter::once(&mut self.encoder).chain(networks))
     }
 
-    /// What the spline networks see of a condition: `c`, followed by the encoder's output.
+    /// Returns the spline networks' condition: `c`, followed by the encoder's output.
     fn encode(&self, c: Tensor<2>) -> Tensor<2> {
         let slope = f64::from(self.config.leaky_slope);
         let activate = |x: Tensor<2>, layer: &Linear| linear::leaky_relu(layer.forward(x), slope);
@@ -190,7 +193,7 @@ impl Head {
     }
 }
 
-/// `[conditions, samples, 2]` to its two coordinates `(u, v)`.
+/// Splits `[conditions, samples, 2]` into the coordinates `(u, v)`.
 fn split(points: &Tensor<3>) -> [Tensor<2>; 2] {
     let [conditions, samples, _] = points.dims();
     let column = |index: usize| points.clone().narrow(2, index, 1).reshape([conditions, samples]);

@@ -1,4 +1,4 @@
-//! The learned share of samples that the head gives; BRDF sampling gives the others.
+//! The learned mixture weight: the probability of drawing from the head rather than by BRDF sampling.
 
 use burn::{
     module::Module,
@@ -14,17 +14,18 @@ use crate::linear::{self, Initializer};
 /// Width of the hidden layer.
 pub const SHARE_HIDDEN: usize = 16;
 
-/// The probability of drawing from the head for a logit of the share network: `0.02 + 0.96 sigmoid(logit)`.
+/// Returns the probability of drawing from the head: `0.02 + 0.96 sigmoid(logit)`.
 pub fn share_of_logit(logit: f32) -> f32 {
     SHARE_FLOOR + (1.0 - 2.0 * SHARE_FLOOR) / (1.0 + (-logit).exp())
 }
 
-/// The same in the tensor library's graph.
+/// Returns [`share_of_logit`] in the tensor library's graph.
 pub fn share_of_logits(logit: Tensor<2>) -> Tensor<2> {
     sigmoid(logit).mul_scalar(1.0 - 2.0 * SHARE_FLOOR).add_scalar(SHARE_FLOOR)
 }
 
-/// `(c, latent) -> 16 -> 1`, leaky ReLU between. The last layer starts at zero: both strategies start with 1/2.
+/// A network `(c, latent) -> 16 -> 1` with leaky ReLU between. The last layer starts at zero: the initial
+/// probability is 1/2.
 #[derive(Module, Debug)]
 pub struct ShareNetwork {
     linears: Vec<Linear>,
@@ -37,7 +38,7 @@ impl ShareNetwork {
         Self { linears, leaky_slope }
     }
 
-    /// Logits `[conditions, 1]`.
+    /// Returns logits `[conditions, 1]`.
     pub(super) fn logits(&self, condition: Tensor<2>) -> Tensor<2> {
         self.linears[1].forward(linear::leaky_relu(self.linears[0].forward(condition), self.leaky_slope))
     }

@@ -1,4 +1,4 @@
-//! Properties of the head. The comparison with an independent f64 implementation is in `tests/reference_f64.rs`.
+//! Properties of the head. `tests/reference_f64.rs` compares with an independent f64 implementation.
 
 use burn::{
     module::Module,
@@ -19,7 +19,7 @@ fn uniforms(count: usize, seed: u64) -> Vec<f32> {
     (0..count).map(|_| stream.uniform()).collect()
 }
 
-/// A head far from the identity: every weight drawn, the last layers too.
+/// Returns a head far from the identity: all weights are random, including the last layers.
 fn random_head(config: HeadConfig, seed: u64, device: &Device) -> Head {
     let mut weights = Head::new(config, seed, device).unwrap().weights();
     for (index, weight) in weights.iter_mut().enumerate() {
@@ -52,18 +52,19 @@ fn configurations() -> Vec<HeadConfig> {
 }
 
 #[test]
-fn parameter_counts_are_as_documented() {
+fn parameter_counts_match_the_documentation() {
     let device = Device::flex();
     let count = |config| Head::new(config, 0, &device).unwrap().num_params();
-    // Elevation sees c alone: (3 + 1) 64 + (64 + 1) 64 + (64 + 1) 13; azimuth sees v too: (3 + 1 + 1) 64 + ...
+    // Elevation depends on c alone: (3 + 1) 64 + (64 + 1) 64 + (64 + 1) 13; azimuth also on v: (3 + 1 + 1) 64
+    // + ...
     assert_eq!(count(HeadConfig { mode: Mode::Autoregressive, ..HeadConfig::COSINE }), 10_586);
-    // Elevation sees two more features.
+    // Elevation has two more features.
     assert_eq!(count(HeadConfig::COSINE), 10_714);
     // Encoder 13 x 64 + 65 x 64; networks (76 + 2 + 1 and 76 + 1 + 1) 64 + 65 x 64 + 65 x 97.
     assert_eq!(count(MICROFACET), 35_970);
-    // Two numbers less in the condition: 2 x 64 less in the encoder and in each network.
+    // Two inputs fewer in the condition: 2 x 64 fewer in the encoder and in each network.
     assert_eq!(count(HeadConfig { condition: Condition::Ggx, ..MICROFACET }), 35_970 - 3 * 128);
-    // The share's network: 77 x 16 + 17.
+    // The mixture weight's network: 77 x 16 + 17.
     assert_eq!(count(HeadConfig { share: true, ..MICROFACET }), 35_970 + 1_249);
 }
 
@@ -128,7 +129,7 @@ fn density_is_the_same_on_both_sides_of_the_seam() {
             let y: Vec<f32> = (0..=10).flat_map(|i| [u, i as f32 / 10.0]).collect();
             read(head.log_density(&Tensor::from_data(TensorData::new(y, [1, 11, 2]), &device), c.clone()))
         };
-        // Coupled networks see sin(2 pi) = 2e-7 instead of 0.
+        // The input of coupled networks is sin(2 pi) = 2e-7 instead of 0.
         assert!(at(0.0).iter().zip(at(1.0)).all(|(a, b)| (a - b).abs() < 1e-4));
     }
 }
@@ -146,7 +147,7 @@ fn batched_equals_looped() {
                     &y.clone().narrow(0, condition, 1).narrow(1, sample, 1),
                     c.clone().narrow(0, condition, 1),
                 );
-                // Matrix products of other sizes add up in another order.
+                // Matrix products of different sizes sum in different orders.
                 assert!((read(one)[0] - all[condition * 5 + sample]).abs() < 1e-5);
             }
         }
@@ -154,7 +155,7 @@ fn batched_equals_looped() {
 }
 
 #[test]
-fn conditions_and_seeds_matter() {
+fn output_depends_on_condition_and_seed() {
     let device = Device::flex();
     for config in configurations() {
         let y = points(2, 1, 8, &device).narrow(0, 0, 1).repeat_dim(0, 2);
@@ -211,7 +212,7 @@ fn weights_are_named_and_shaped_as_documented() {
 }
 
 #[test]
-fn weights_that_do_not_belong_are_refused() {
+fn weights_of_another_architecture_are_rejected() {
     let device = Device::flex();
     let mut weights = Head::new(HeadConfig::COSINE, 0, &device).unwrap().weights();
     weights.push(NamedTensor { name: "layer2.linear0.bias".into(), shape: vec![1], values: vec![0.0] });
@@ -220,7 +221,7 @@ fn weights_that_do_not_belong_are_refused() {
 }
 
 #[test]
-fn configurations_out_of_range_are_refused() {
+fn configurations_out_of_range_are_rejected() {
     let device = Device::flex();
     for config in [
         HeadConfig { bins: 1, ..HeadConfig::COSINE },
@@ -246,7 +247,7 @@ fn a_new_head_and_brdf_sampling_are_equally_likely() {
 }
 
 #[test]
-fn neither_strategy_is_ever_given_up() {
+fn both_strategies_keep_a_minimum_probability() {
     let logits = [-1e30_f32, -30.0, -1.0, 0.0, 2.0, 30.0, 1e30];
     let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &Device::flex());
     for (logit, p) in logits.into_iter().zip(read(share_of_logits(in_graph))) {
@@ -256,7 +257,7 @@ fn neither_strategy_is_ever_given_up() {
 }
 
 #[test]
-fn the_share_depends_on_the_condition() {
+fn the_mixture_weight_depends_on_the_condition() {
     let device = Device::flex();
     let config = HeadConfig { share: true, ..HeadConfig::COSINE };
     let logits = read(random_head(config, 60, &device).share_logits(conditions(2, 3, 9, &device)).unwrap());
@@ -264,7 +265,7 @@ fn the_share_depends_on_the_condition() {
 }
 
 #[test]
-fn configurations_survive_a_file_with_and_without_encoder() {
+fn configurations_round_trip_with_and_without_encoder() {
     for config in [HeadConfig::COSINE, MICROFACET] {
         let text = serde_json::to_string(&config).unwrap();
         assert_eq!(serde_json::from_str::<HeadConfig>(&text).unwrap(), config, "{text}");
@@ -274,7 +275,7 @@ fn configurations_survive_a_file_with_and_without_encoder() {
 }
 
 #[test]
-fn flat_weights_are_the_named_ones_in_order_and_restore_the_head() {
+fn flat_weights_follow_the_named_order_and_restore_the_head() {
     let device = Device::flex();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 70 + seed as u64, &device);
@@ -286,9 +287,9 @@ fn flat_weights_are_the_named_ones_in_order_and_restore_the_head() {
     }
 }
 
-/// A plain descent step of rate 1 changes each weight by its gradient.
+/// A gradient descent step of rate 1 changes each weight by its gradient.
 #[test]
-fn flat_gradients_belong_to_the_flat_weights() {
+fn flat_gradients_have_the_order_of_flat_weights() {
     let device = Device::flex().autodiff();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 80 + seed as u64, &device);

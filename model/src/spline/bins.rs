@@ -1,4 +1,4 @@
-//! Knots of a batch of splines, and the one bin per point that a point falls in.
+//! Knots of a batch of splines, and the bin that contains each point.
 
 use burn::{
     prelude::Tensor,
@@ -7,11 +7,12 @@ use burn::{
 
 use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, Topology, bin_count};
 
-/// Constrained parameters of a batch of splines; `samples` may be 1 where all points of a condition share a spline.
+/// Constrained parameters of a batch of splines; `samples` may be 1 if all points of a condition share a
+/// spline.
 pub(super) struct Bins {
     /// Raw widths, `[conditions, samples, K]`, each at least `MIN_BIN`.
     widths: Tensor<3>,
-    /// Raw heights, as the widths.
+    /// Raw heights, likewise.
     heights: Tensor<3>,
     /// Slope logits at the left knot of each bin, `[conditions, samples, K]`.
     left_slopes: Tensor<3>,
@@ -45,7 +46,8 @@ pub(super) struct Bin {
 }
 
 impl Bins {
-    /// From logits `[conditions, samples, 3K + 1]` in the order of [`headtail_render::spline`]'s table.
+    /// Builds the bins from logits `[conditions, samples, 3K + 1]` in the order of
+    /// [`headtail_render::spline`]'s table.
     pub fn new(topology: Topology, logits: &Tensor<3>) -> Self {
         let bins = bin_count(logits.dims()[2]);
         let columns = |start: usize, length: usize| logits.clone().narrow(2, start, length);
@@ -61,7 +63,8 @@ impl Bins {
         }
     }
 
-    /// The bin that holds each point of `points` (`[conditions, samples]`, in `[0,1]`) along an axis.
+    /// Returns the bin that contains each point of `points` (`[conditions, samples]`, in `[0,1]`) along an
+    /// axis.
     pub fn find(&self, axis: Axis, points: &Tensor<2>) -> Bin {
         let left_knots = exclusive_sum(&self.widths);
         let bottom_knots = exclusive_sum(&self.heights);
@@ -81,29 +84,30 @@ impl Bins {
     }
 }
 
-/// Logits to sizes that are at least `MIN_BIN` and sum to 1.
+/// Maps logits to sizes that are at least `MIN_BIN` and sum to 1.
 fn normalize_bin_sizes(logits: Tensor<3>) -> Tensor<3> {
     let free = 1.0 - logits.dims()[2] as f64 * MIN_BIN;
     softmax(logits, 2).mul_scalar(free).add_scalar(MIN_BIN)
 }
 
-/// Logit to a slope that is at least `MIN_SLOPE`, 1 for a zero logit.
+/// Maps a logit to a slope that is at least `MIN_SLOPE`, and 1 for a zero logit.
 fn normalize_slope(logits: Tensor<2>) -> Tensor<2> {
     softplus(logits.add_scalar(SLOPE_OFFSET), 1.0).add_scalar(MIN_SLOPE)
 }
 
-/// Running sums before each element: the left knots of bins of these sizes; the first is 0.
+/// Returns exclusive prefix sums: the left knots of bins of these sizes; the first is 0.
 fn exclusive_sum(sizes: &Tensor<3>) -> Tensor<3> {
     let [conditions, samples, bins] = sizes.dims();
     let zero = Tensor::zeros([conditions, samples, 1], (&sizes.device(), sizes.dtype()));
     Tensor::cat(vec![zero, sizes.clone().narrow(2, 0, bins - 1).cumsum(2)], 2)
 }
 
-/// 1 at the bin of each point, 0 elsewhere, `[conditions, samples, K]`.
+/// Returns 1 at the bin of each point, 0 elsewhere, `[conditions, samples, K]`.
 ///
-/// The bin's index is the number of *interior* knots at or below the point, so it is in `0..K` whatever the point is. Knots
-/// increase strictly (each size is at least 1e-4, far above the rounding of a sum that is at most 1), so the indicator of
-/// "knot k is passed" drops from 1 to 0 exactly once along the bins and its differences are a one-hot vector.
+/// The bin's index is the number of *interior* knots at or below the point, so it is in `0..K` for any point.
+/// Knots increase strictly (each size is at least 1e-4, far above the rounding of a sum that is at most 1),
+/// so the indicator of "knot k is passed" drops from 1 to 0 exactly once along the bins and its differences
+/// are a one-hot vector.
 fn one_hot(points: &Tensor<2>, left_knots: &Tensor<3>) -> Tensor<3> {
     let [conditions, samples] = points.dims();
     let bins = left_knots.dims()[2];

@@ -1,4 +1,4 @@
-//! The rational-quadratic map of a batch of points, in both directions, as plain tensor operations without branches.
+//! The rational-quadratic map of a batch of points, in both directions, as branch-free tensor operations.
 
 use burn::prelude::Tensor;
 
@@ -7,10 +7,11 @@ use super::{
     bins::{Axis, Bin, Bins},
 };
 
-/// `y -> (z, ln |dz/dy|)`, the density direction, in closed form. All of `[conditions, samples]`.
+/// Maps `y -> (z, ln |dz/dy|)`, the density direction, in closed form. All tensors are
+/// `[conditions, samples]`.
 ///
-/// `logits` are `[conditions, samples, 3K + 1]`, or `[conditions, 1, 3K + 1]` where the points of a condition share a spline.
-/// Points outside of `[0,1]` count as the nearest end (interval) or are wrapped (circle).
+/// `logits` are `[conditions, samples, 3K + 1]`, or `[conditions, 1, 3K + 1]` if the points of a condition
+/// share a spline. Points outside `[0,1]` are clamped (interval) or wrapped (circle).
 pub fn inverse(topology: Topology, y: Tensor<2>, logits: &Tensor<3>) -> (Tensor<2>, Tensor<2>) {
     let x = match topology {
         Topology::Interval => y.clamp(0.0, 1.0),
@@ -23,10 +24,10 @@ pub fn inverse(topology: Topology, y: Tensor<2>, logits: &Tensor<3>) -> (Tensor<
     (z.clamp(0.0, 1.0), segment.log_slope(&position))
 }
 
-/// `z -> (y, ln |dz/dy|)`, the sampling direction, by the quadratic's root. Shapes as for [`inverse`].
+/// Maps `z -> (y, ln |dz/dy|)`, the sampling direction, with the quadratic's root. Shapes as for [`inverse`].
 ///
-/// The log-derivative is that of [`inverse`] at the point returned, so it is the log-density of a sample; it is computed from
-/// the same position in the bin as the value. `y` is in `[0,1]`, on the circle in `[0,1)`.
+/// The log-derivative is that of [`inverse`] at the returned point, i.e. the log-density of a sample; it is
+/// computed from the same position in the bin as the value. `y` is in `[0,1]`, on the circle in `[0,1)`.
 pub fn forward(topology: Topology, z: Tensor<2>, logits: &Tensor<3>) -> (Tensor<2>, Tensor<2>) {
     let z = z.clamp(0.0, 1.0);
     let bin = Bins::new(topology, logits).find(Axis::Heights, &z);
@@ -41,21 +42,22 @@ pub fn forward(topology: Topology, z: Tensor<2>, logits: &Tensor<3>) -> (Tensor<
     (y, segment.log_slope(&position))
 }
 
-/// The part of the shift logit that moves a point of the circle, in `[-1/2, 1/2]`, `[conditions, samples]`.
+/// Returns the shift logit without whole turns, in `[-1/2, 1/2]`, `[conditions, samples]`.
 fn shift(logits: &Tensor<3>) -> Tensor<2> {
     let last = logits.dims()[2] - 1;
     let turns = logits.clone().narrow(2, last, 1).squeeze_dim::<2>(2);
     turns.clone() - turns.round()
 }
 
-/// Onto `[0,1)`. The last step is needed: in floating point `x - floor(x)` is 1 for a tiny negative `x`.
+/// Wraps to `[0,1)`. The last step is needed: in floating point `x - floor(x)` is 1 for a tiny negative `x`.
 fn wrap(x: Tensor<2>) -> Tensor<2> {
     let fraction = x.clone() - x.floor();
     let is_one = fraction.clone().greater_equal_elem(1.0);
     fraction.mask_fill(is_one, 0.0)
 }
 
-/// One bin's rational quadratic on the unit square: position `t` in the bin -> value in the bin, both in `[0,1]`.
+/// One bin's rational quadratic on the unit square: position `t` in the bin to value in the bin, both in
+/// `[0,1]`.
 struct Segment {
     /// Height over width of the bin.
     secant: Tensor<2>,
@@ -72,24 +74,26 @@ impl Segment {
         }
     }
 
-    /// `D = s (1 - 2 t o) + (d0 + d1) t o` with `o = 1 - t`: since `t o <= 1/4`, `D >= s / 2 > 0`, and no term is negative.
+    /// Returns `D = s (1 - 2 t o) + (d0 + d1) t o` with `o = 1 - t`: since `t o <= 1/4`, `D >= s / 2 > 0`,
+    /// and no term is negative.
     fn denominator(&self, position: &Tensor<2>) -> Tensor<2> {
         let product = position.clone() * one_minus(position);
         let ends = (self.left_slope.clone() + self.right_slope.clone()) * product.clone();
         ends + self.secant.clone() * product.mul_scalar(-2.0).add_scalar(1.0)
     }
 
-    /// `(s t^2 + d0 t o) / D` (Durkan et al. 2019, equation 4).
+    /// Returns `(s t^2 + d0 t o) / D` (Durkan et al. 2019, equation 4).
     fn value(&self, position: &Tensor<2>) -> Tensor<2> {
         let numerator =
             (self.secant.clone() * position.clone() + self.left_slope.clone() * one_minus(position)) * position.clone();
         numerator / self.denominator(position)
     }
 
-    /// Log of the slope of the spline, `ln(s^2 N / D^2)` with `N = d1 t^2 + 2 s t o + d0 o^2` (ibid., equation 5).
+    /// Returns the log-slope of the spline, `ln(s^2 N / D^2)` with `N = d1 t^2 + 2 s t o + d0 o^2` (ibid.,
+    /// equation 5).
     ///
-    /// Every argument of a log is positive: `s` is a ratio of positive sizes; the weights `t^2`, `2 t o`, `o^2` of `N` are
-    /// at least 0 and sum to 1, so `N >= min(d0, d1, s) > 0`; `D >= s / 2`.
+    /// All arguments of logs are positive: `s` is a ratio of positive sizes; the weights `t^2`, `2 t o`,
+    /// `o^2` of `N` are at least 0 and sum to 1, so `N >= min(d0, d1, s) > 0`; `D >= s / 2`.
     fn log_slope(&self, position: &Tensor<2>) -> Tensor<2> {
         let rest = one_minus(position);
         let numerator = self.right_slope.clone() * position.clone().square()
@@ -98,12 +102,13 @@ impl Segment {
         self.secant.clone().log().mul_scalar(2.0) + numerator.log() - self.denominator(position).log().mul_scalar(2.0)
     }
 
-    /// The position that has `value`: the root in `[0,1]` of `a t^2 + b t - c = 0`.
+    /// Returns the position of `value`: the root in `[0,1]` of `a t^2 + b t - c = 0`.
     ///
-    /// With `r` the value, `e = d0 + d1 - 2 s`, `b = d0 - e r`, `a = s - b`, `c = s r`. The discriminant `b^2 + 4 a c` equals
-    /// `(d0 (1 - r) - d1 r)^2 + 4 s^2 r (1 - r)`, a sum of terms that cannot be negative, also after rounding. Of the two
-    /// forms of the root the one is taken in which nothing cancels: `2 c / (b + R)` for `b >= 0`, `(R - b) / (2 a)` for
-    /// `b < 0`; the other one's denominator is made positive by writing `|b|`, which changes only the value not taken.
+    /// With `r` the value, `e = d0 + d1 - 2 s`, `b = d0 - e r`, `a = s - b`, `c = s r`. The discriminant
+    /// `b^2 + 4 a c` equals `(d0 (1 - r) - d1 r)^2 + 4 s^2 r (1 - r)`, a sum of terms that stay non-negative
+    /// after rounding. The form of the root without cancellation is used: `2 c / (b + R)` for `b >= 0`,
+    /// `(R - b) / (2 a)` for `b < 0`; `|b|` keeps the other form's denominator positive and changes only the
+    /// discarded value.
     fn position(&self, value: &Tensor<2>) -> Tensor<2> {
         let rest = one_minus(value);
         let excess = self.left_slope.clone() + self.right_slope.clone() - self.secant.clone().mul_scalar(2.0);

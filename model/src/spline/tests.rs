@@ -1,4 +1,4 @@
-//! Properties of the splines. The comparison with an independent f64 implementation is in `tests/reference_f64.rs`.
+//! Properties of the splines. `tests/reference_f64.rs` compares with an independent f64 implementation.
 
 use burn::prelude::{Device, Tensor, TensorData};
 use headtail_render::{
@@ -39,14 +39,14 @@ fn matrix(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / columns, columns]), device)
 }
 
-/// `[conditions, 1, 3K + 1]`.
+/// Returns logits as `[conditions, 1, 3K + 1]`.
 fn shared(logits: &[f32], bins: usize, device: &Device) -> Tensor<3> {
     matrix(logits, logit_count(bins), device).unsqueeze_dim(1)
 }
 
 type Direction = fn(Topology, Tensor<2>, &Tensor<3>) -> (Tensor<2>, Tensor<2>);
 
-/// One spline at many points.
+/// Evaluates one spline at many points.
 fn apply(direction: Direction, topology: Topology, points: &[f32], logits: &[f32]) -> (Vec<f32>, Vec<f32>) {
     let device = Device::flex();
     let bins = super::bin_count(logits.len());
@@ -75,7 +75,7 @@ fn is_identity_for_zero_logits() {
 }
 
 #[test]
-fn ends_of_the_interval_stay_where_they_are() {
+fn ends_of_the_interval_are_fixed() {
     let mut random = Random::new(1);
     for _ in 0..200 {
         let logits = random.normals(logit_count(32), 1.5);
@@ -107,7 +107,8 @@ fn is_monotone_on_neighbouring_floats() {
     }
 }
 
-/// 262 144 random cases per topology: the value comes back, and both directions agree on the density.
+/// 262,144 random cases per topology: round trips restore the value, and both directions agree on the
+/// density.
 #[test]
 fn inverse_undoes_forward() {
     let device = Device::flex();
@@ -122,11 +123,12 @@ fn inverse_undoes_forward() {
             let (y, back, log_forward, log_inverse) = (read(y), read(back), read(log_forward), read(log_inverse));
             for i in 0..z.len() {
                 let error = (back[i] - z[i]).abs();
-                // Evaluating z costs 2e-6; y itself is rounded (three times on the circle), which the slope magnifies.
+                // Evaluating z has an error of 2e-6; y is rounded (three times on the circle), which the
+                // slope magnifies.
                 let tolerance = 2e-6 + 2.4e-7 * log_inverse[i].exp();
                 let error = if topology == Topology::Circle { error.min(1.0 - error) } else { error };
                 assert!(error <= tolerance, "z {} -> y {} -> z {}: {error} > {tolerance}", z[i], y[i], back[i]);
-                // The log-slope changes by some units over a bin, the narrowest of which is 1e-4.
+                // The log-slope changes by a few units over a bin; the narrowest bin is 1e-4 wide.
                 let log_tolerance = 1e-3 + 1e4 * tolerance;
                 assert!((log_forward[i] - log_inverse[i]).abs() <= log_tolerance);
                 assert!((0.0..=1.0).contains(&y[i]));
@@ -169,11 +171,11 @@ fn density_integrates_to_one() {
 }
 
 #[test]
-fn circle_has_the_same_density_one_turn_on() {
+fn circle_is_periodic() {
     let mut random = Random::new(6);
     for _ in 0..50 {
         let logits = random.normals(logit_count(8), 1.5);
-        // Dyadic points, so that adding a turn is exact.
+        // Dyadic points, so that adding 1 is exact.
         let (values, logs) = apply(inverse, Topology::Circle, &[0.0, 1.0, 0.25, 1.25, -0.75], &logits);
         assert_eq!((values[0], logs[0]), (values[1], logs[1]));
         assert_eq!((values[2], logs[2], logs[2]), (values[3], logs[3], logs[4]));
@@ -192,7 +194,7 @@ fn circle_has_no_seam() {
 }
 
 #[test]
-fn shift_turns_the_density() {
+fn shift_rotates_the_density() {
     let mut random = Random::new(8);
     let mut logits = random.normals(logit_count(8), 1.0);
     let points: Vec<f32> = (0..64).map(|i| i as f32 / 64.0).collect();
@@ -206,14 +208,14 @@ fn shift_turns_the_density() {
 }
 
 #[test]
-fn a_tiny_negative_point_of_the_circle_is_its_origin() {
+fn tiny_negative_points_wrap_to_the_origin_of_the_circle() {
     let logits = Random::new(9).normals(logit_count(8), 1.0);
     let (values, logs) = apply(inverse, Topology::Circle, &[0.0, -1e-9], &logits);
     assert_eq!((values[0], logs[0]), (values[1], logs[1]));
 }
 
 #[test]
-fn points_outside_of_the_interval_count_as_its_ends() {
+fn points_outside_the_interval_are_clamped() {
     let logits = Random::new(10).normals(logit_count(8), 1.0);
     let (values, logs) = apply(inverse, Topology::Interval, &[-1e-3, 0.0, 1.0, 1.5], &logits);
     assert_eq!((values[0], logs[0]), (values[1], logs[1]));
@@ -232,7 +234,7 @@ fn batched_equals_looped() {
             let points = random.uniforms(conditions * samples);
             let (values, logs) =
                 direction(topology, matrix(&points, samples, &device), &shared(&logits, bins, &device));
-            // The same splines given once per sample instead of once per condition.
+            // The same splines, once per sample instead of once per condition.
             let repeated = shared(&logits, bins, &device).repeat_dim(1, samples);
             let (values_each, logs_each) = direction(topology, matrix(&points, samples, &device), &repeated);
             let (values, logs) = (read(values), read(logs));
@@ -251,7 +253,8 @@ fn batched_equals_looped() {
     }
 }
 
-/// The gradients of value and log-slope with respect to the logits by burn's autodiff, each `[points, 3K + 1]`.
+/// Returns the gradients of value and log-slope with respect to the logits by burn's autodiff, each
+/// `[points, 3K + 1]`.
 fn autodiff_gradients(topology: Topology, points: &[f32], logits: &[f32]) -> [Vec<f32>; 2] {
     let device = Device::flex().autodiff();
     let width = logits.len() / points.len();
@@ -263,10 +266,11 @@ fn autodiff_gradients(topology: Topology, points: &[f32], logits: &[f32]) -> [Ve
     [gradient(|(z, _)| z), gradient(|(_, log)| log)]
 }
 
-/// Two evaluations of a spline round its knots differently, by some 2.4e-7; relative to the bin that is 2.4e-7 over its width,
-/// and the derivatives by the position in the bin are of the order of 10. Plus 1e-5 for everything else.
-///
 /// Returns the tolerance and the smallest width.
+///
+/// Two evaluations of a spline round its knots differently, by about 2.4e-7. Relative to the bin, that is
+/// 2.4e-7 over its width, and the derivatives with respect to the position in the bin are about 10. 1e-5
+/// covers all other errors.
 fn position_tolerance(logits: &[f32]) -> (f32, f32) {
     let widths = &logits[..super::bin_count(logits.len())];
     let total: f32 = widths.iter().map(|logit| logit.exp()).sum();
@@ -288,7 +292,7 @@ fn gradients_are_finite_at_edges_and_outside() {
 }
 
 #[test]
-fn values_and_gradients_are_those_of_the_native_spline() {
+fn values_and_gradients_match_the_native_spline() {
     let mut random = Random::new(13);
     for topology in TOPOLOGIES {
         for bins in [2, 4, 32] {
@@ -309,7 +313,7 @@ fn values_and_gradients_are_those_of_the_native_spline() {
                     native.write(of, &scratch, &mut found, 1, 0);
                     let scale = expected.iter().fold(1.0_f32, |m, g| m.max(g.abs()));
                     for (j, (a, b)) in found.iter().zip(expected).enumerate() {
-                        // The shift's derivative is by the point itself: once more over the width.
+                        // The derivative with respect to the shift has another factor of one over the width.
                         let is_shift = topology == Topology::Circle && j + 1 == width;
                         let tolerance = tolerance * if is_shift { 1.0 / smallest } else { 1.0 };
                         assert!((a - b).abs() <= tolerance * scale, "{topology:?} {bins} {point}: {a} {b}");

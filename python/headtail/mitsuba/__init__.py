@@ -1,8 +1,9 @@
-"""Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path`, in every variant that has arrays.
+"""Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path` in
+every variant with arrays.
 
-Properties: `sampler` ("auto", which is "patches", "patches:fine" or "table", made on first use), or `file` (a table of `headtail bake`, or a head of `headtail fit`, over patches or
-not, for the scene's map);
-`hide_emitters`; of `headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
+Properties: `sampler` ("auto", which is "patches", "patches:fine" or "table", built on first use), or `file` (a table
+of `headtail bake`, or a head of `headtail fit`, over patches or not, for the scene's map); `hide_emitters`; of
+`headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
 `constant`).
 """
 
@@ -20,7 +21,8 @@ _registered = set()
 
 
 def register():
-    """Registers the integrators in the current variant; `import` does so, and every `mitsuba.set_variant` after it."""
+    """Registers the integrators in the current variant; `import` calls it, as does every later
+    `mitsuba.set_variant`."""
     variant = mi.variant()
     if variant is None or variant in _registered:
         return
@@ -37,7 +39,7 @@ def register():
 
 
 def _show_causes():
-    """Lets `mitsuba.render` fail with the error of an integrator of headtail instead of Dr.Jit's about an error."""
+    """Makes `mitsuba.render` raise an integrator's own error instead of Dr.Jit's wrapper of it."""
     render = mi.render
     if hasattr(render, "shows_headtail_errors"):
         return

@@ -1,4 +1,5 @@
-"""Head warps in Dr.Jit, as `sampling/src/head` has them for SIMD lanes: two splines over the square whose logits are networks of the condition."""
+"""Head warps in Dr.Jit, like `sampling/src/head` for SIMD lanes: two splines over the square whose logits are
+networks of the condition."""
 
 import drjit as dr
 import mitsuba as mi
@@ -16,7 +17,8 @@ SHARE_FLOOR = 0.02
 
 
 class Head:
-    """A head of `arrays` (see `Head::flat` in the crate headtail-sampling): points of the square, and their density."""
+    """A head from `arrays` (see `Head::flat` in the crate headtail-sampling): warps points of the square, and
+    evaluates their density."""
 
     def __init__(self, arrays, loops=None):
         self.condition, coupled, encoder, elevation, azimuth, share, *_ = (int(number) for number in arrays["head.shape"])
@@ -32,7 +34,7 @@ class Head:
         self.encoder, self.elevation, self.azimuth, self.share_network = parts
 
     def prepare(self, at):
-        """What the networks see of a shading point: the condition, and what the encoder makes of it."""
+        """Returns the networks' input at a shading point: the condition and the encoder's output."""
         seen = list(at.n)
         if self.condition != NORMAL:
             cosine = dr.dot(at.n, at.wo)
@@ -42,7 +44,8 @@ class Head:
         return seen + self.encoder(seen)
 
     def share(self, seen, prior=0):
-        """The learned share of samples beside BSDF sampling, where its logit is added to another one."""
+        """Returns the learned selection probability of the head beside BSDF sampling; `prior` is added to its
+        logit."""
         (logit,) = self.share_network(seen)
         return SHARE_FLOOR + (1 - 2 * SHARE_FLOOR) / (1 + dr.exp(-logit - prior))
 
@@ -56,7 +59,7 @@ class Head:
         return Spline(self.azimuth([*seen, v]), True)
 
     def draw(self, seen, z):
-        """The points that uniform points z are carried to, and the densities there."""
+        """Returns the images of uniform points z, and the densities there."""
         if self.is_coupled:
             u, by_u = self.azimuth_spline(seen, z.y).forward(z.x)
             v, by_v = self.elevation_spline(seen, u).forward(z.y)
@@ -66,7 +69,7 @@ class Head:
         return mi.Point2f(u, v), by_u * by_v
 
     def density(self, seen, point):
-        """The densities at points."""
+        """Returns the densities at points."""
         z, by_v = self.elevation_spline(seen, point.x).inverse(point.y)
         _, by_u = self.azimuth_spline(seen, z if self.is_coupled else point.y).inverse(point.x)
         return by_u * by_v
@@ -77,34 +80,34 @@ class HeadOverTail:
 
     def __init__(self, arrays, loops=None):
         self.head, self.tail = Head(arrays, loops), tail_of(arrays)
-        # What a head that sees no directions has learned of its share is for diffuse surfaces.
+        # Without directions in its condition, the head's mixture weight is learned for diffuse surfaces only.
         self.sees_lobes = self.head.condition != NORMAL
         self.has_share = self.sees_lobes and self.head.has_share
 
     def prepare(self, at):
-        """What the networks see of a shading point."""
+        """Returns the networks' input at a shading point."""
         return self.head.prepare(at)
 
     def share(self, seen):
-        """The learned share of samples beside BSDF sampling."""
+        """Returns the learned selection probability beside BSDF sampling."""
         return self.head.share(seen)
 
     def sample(self, seen, z, active=True):
-        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
         y, q = self.head.draw(seen, z)
         x, density = self.tail.forward(y, active)
         direction, factor = directions(x)
         return direction, positive(q * density * factor)
 
     def pdf(self, seen, wi, active=True):
-        """The solid-angle pdf with which `sample` draws a direction."""
+        """Returns the solid-angle pdf of a direction under `sample`."""
         x, factor = squares(wi)
         y, density = self.tail.pull_back(x, active)
         return positive(self.head.density(seen, y) * density * factor)
 
 
 class HeadOverPatches:
-    """The sampler of a head over patches of sky, of which it draws what they leave over."""
+    """The sampler of a head over patches of sky, whose residual the head samples."""
 
     sees_lobes = has_share = True
 
@@ -112,11 +115,12 @@ class HeadOverPatches:
         self.head, self.patches = Head(arrays, loops), Patches(arrays)
 
     def prepare(self, at):
-        """A shading point, and what the networks see of it."""
+        """Returns a shading point and the networks' input there."""
         return at, self.head.prepare(at)
 
     def share(self, prepared):
-        """The share of samples beside BSDF sampling: what the head has learned is a factor of the odds of patches."""
+        """Returns the selection probability beside BSDF sampling: the odds of patches times a learned
+        factor."""
         at, seen = prepared
         share = mi.Float(1) if at.is_diffuse else shares((at.diffuse, at.specular, at.f0, at.alpha))
         if not self.head.has_share:
@@ -125,14 +129,14 @@ class HeadOverPatches:
         return self.head.share(seen, dr.log(inside / (1 - inside)))
 
     def sample(self, prepared, z, active=True):
-        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
         at, seen = prepared
         through, q = self.head.draw(seen, z)
         direction, pdf = self.patches.sample(at, through, None, None, active)
         return direction, positive(q * pdf)
 
     def pdf(self, prepared, wi, active=True):
-        """The solid-angle pdf with which `sample` draws a direction."""
+        """Returns the solid-angle pdf of a direction under `sample`."""
         at, seen = prepared
         through, pdf = self.patches.invert(at, wi, active)
         return positive(self.head.density(seen, through) * pdf)

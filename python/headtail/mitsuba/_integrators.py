@@ -15,7 +15,8 @@ from ._warp import remap
 
 
 def environment_of(emitter):
-    """A map of headtail's of Mitsuba's environment emitter, in the emitter's own frame; None where it is black."""
+    """Converts Mitsuba's environment emitter to a map of headtail in the emitter's own frame; None if it is
+    black."""
     kind, parameters = emitter.class_name(), mi.traverse(emitter)
     if kind == "ConstantBackgroundEmitter":
         return headtail.Environment.from_array(np.ones((1, 1, 3), np.float32), "constant")
@@ -30,7 +31,8 @@ def environment_of(emitter):
 
 
 def unpadded(data):
-    """The texels of `data` without the columns that Mitsuba 3.9 adds: the last one before the first, and the first one after the last."""
+    """Returns the texels of `data` without the columns that Mitsuba 3.9 adds: the last one before the first,
+    and the first one after the last."""
     if data.shape[1] < 4 or not (np.array_equal(data[:, 0], data[:, -2]) and np.array_equal(data[:, -1], data[:, 1])):
         raise HeadtailError(
             f"environment: data of the shape {data.shape} do not repeat their first and last columns as those of Mitsuba 3.9 do; "
@@ -40,36 +42,37 @@ def unpadded(data):
 
 
 class State:
-    """What a sampler was made for: texels, their scale and the map's orientation, as numbers of Dr.Jit's variables, so that nothing is evaluated."""
+    """The inputs of a sampler: texels, scale and orientation of the map, as indices of Dr.Jit variables, so
+    that nothing is evaluated."""
 
     def __init__(self, scene):
         self.scene, self.environment = scene, scene.environment()
         parameters = {} if self.environment is None else mi.traverse(self.environment)
-        # Kept, so that a number is not given to another variable, and what is written into one becomes a new one.
+        # References keep the indices from being reused, and make in-place writes create new variables.
         self.kept = [parameters[name] for name in ("data", "scale", "to_world") if name in parameters]
         self.numbers = [number for value in self.kept for number in numbers(value)]
 
     def is_of(self, other):
-        """Whether a sampler for one is a sampler for the other."""
+        """Returns whether a sampler for `self` is valid for `other`."""
         return self.scene is other.scene and self.environment == other.environment and self.numbers == other.numbers
 
 
 def numbers(value):
-    """The numbers of the variables of a parameter."""
+    """Returns the variable indices of a parameter."""
     if hasattr(value, "matrix"):
         return [entry.index for row in value.matrix for entry in row]
     return [getattr(value, "array", value).index]
 
 
 def product_of(arrays, loops=None):
-    """The sampler of arrays. `loops` is as in `Network`."""
+    """Returns the sampler of `arrays`. `loops` is as in `Network`."""
     if "head.layers" in arrays:
         return (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
     return (Table if "table.along" in arrays else Patches)(arrays)
 
 
 class Light:
-    """The environment of a scene with its sampler, made on first use."""
+    """The environment of a scene with its sampler, built on first use."""
 
     def __init__(self, scene, file, spec):
         emitters = scene.emitters()
@@ -97,13 +100,14 @@ class Light:
         self.product = product_of(sampler._native.arrays())
 
     def radiance(self, ray, wi, active):
-        """What arrives from a direction in world space."""
+        """Returns the radiance from a direction in world space."""
         far = dr.zeros(mi.SurfaceInteraction3f)
         far.wi, far.wavelengths, far.time = -wi, ray.wavelengths, ray.time
         return self.environment.eval(far, active)
 
     def estimate(self, scene, sampler, ray, si, bsdf, active):
-        """Directions of light at hits: for each (wi in world space, BSDF x cosine / pdf with its weight, where there is one)."""
+        """Samples directions of light at hits. For each: (wi in world space, weighted BSDF x cosine / pdf,
+        mask of valid samples)."""
         if self.product is None:
             return []
         toward = dr.dot(si.sh_frame.n, -ray.d)
@@ -123,12 +127,12 @@ class Light:
         return self.product_and_bsdf(sampler, si, bsdf, prepared, active)
 
     def patches_alone(self, sampler, si, bsdf, n, wo, active):
-        """One direction of patches, for diffuse surfaces."""
+        """Samples one direction by patches, for diffuse surfaces."""
         local, pdf = self.product.sample(Point(n, wo, None), sampler.next_2d(active), None, None, active)
         return self.weighted(si, bsdf, local, pdf, active)
 
     def product_alone(self, sampler, si, bsdf, prepared, active):
-        """One direction of a table or a head, for diffuse surfaces."""
+        """Samples one direction by a table or a head, for diffuse surfaces."""
         local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
         return self.weighted(si, bsdf, local, pdf, active)
 
@@ -138,7 +142,7 @@ class Light:
         return wi, dr.select(pdf > 0, value / pdf, 0), active & (pdf > 0)
 
     def patches_beside_bsdf(self, sampler, si, bsdf, n, wo, active):
-        """One direction of patches or of the BSDF, with the mixture's pdf."""
+        """Samples one direction by patches or the BSDF, with the mixture's pdf."""
         context, z = mi.BSDFContext(), sampler.next_2d(active)
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
         at = Point(n, wo, lobes)
@@ -152,7 +156,8 @@ class Light:
         return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
 
     def product_beside_bsdf(self, sampler, si, bsdf, prepared, share, active):
-        """One direction of a head or of the BSDF, with the mixture's pdf and the head's own share."""
+        """Samples one direction by a head or the BSDF, with the mixture's pdf and the head's selection
+        probability."""
         z = sampler.next_2d(active)
         by_bsdf = active & ~(z.x < share)
         drawn, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
@@ -164,16 +169,16 @@ class Light:
 
     @staticmethod
     def mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active):
-        """A direction of the product or of the BSDF, weighted by the mixture's pdf."""
+        """Weights a direction of the product or of the BSDF by the mixture's pdf."""
         value, other = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wi), active)
         mixed = share * pdf + (1 - share) * other
-        # A lobe without width has no density: it is a technique of its own.
+        # A delta lobe has no density, so it is a separate technique.
         is_delta = by_bsdf & mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
         ratio = dr.select(is_delta, weight / (1 - share), dr.select(mixed > 0, value / mixed, 0))
         return wi, ratio, active & (by_bsdf | (pdf > 0))
 
     def product_and_bsdf(self, sampler, si, bsdf, prepared, active):
-        """Two directions, one of a table or a head and one of the BSDF, power heuristic."""
+        """Samples two directions, by a table or head and by the BSDF, combined with the power heuristic."""
         context = mi.BSDFContext()
         local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
         wi = self.to_world @ local
@@ -187,13 +192,13 @@ class Light:
         return [first, (wi, dr.select(drawn.pdf > 0, weight * share, 0), active)]
 
     def reflected(self, scene, sampler, ray, si, bsdf, hit, misses):
-        """What hits reflect of the environment, and what shines along the rays of `misses`."""
+        """Returns the environment's light reflected at hits, and that along the rays of `misses`."""
         result = mi.Spectrum(0)
         for index, (wi, ratio, lit) in enumerate(self.estimate(scene, sampler, ray, si, bsdf, hit)):
-            # A new array: what is changed in place is changed for the caller too.
+            # A new array: in-place changes would also affect the caller's.
             lit = lit & (dr.max(ratio) > 0)
             lit &= ~scene.ray_test(si.spawn_ray(wi), lit)
-            # The first lookup serves both: the kernel has no other for misses.
+            # The first lookup serves hits and misses, so the kernel has no separate one.
             seen = misses if index == 0 else mi.Bool(False)
             radiance = self.radiance(ray, dr.select(hit, wi, ray.d), lit | seen)
             result += dr.select(lit, radiance * ratio, dr.select(seen, radiance, 0))
@@ -201,7 +206,7 @@ class Light:
 
 
 def make():
-    """The classes for the current variant."""
+    """Returns the classes for the current variant."""
 
     class Base(mi.SamplingIntegrator):
         def __init__(self, props):
@@ -216,10 +221,11 @@ def make():
             self._light, self._state = None, None
 
         def light(self, scene):
-            """The scene's light; made anew for another scene, map or orientation. Mitsuba does not tell integrators of changed emitters."""
+            """Returns the scene's light, rebuilt for another scene, map or orientation. Mitsuba does not
+            notify integrators of changed emitters."""
             if self._light is None or not self._state.is_of(State(scene)):
                 self._light = Light(scene, self.file, self.spec)
-                # After that, because looking at a parameter can make it another variable.
+                # Afterwards, because access to a parameter can replace its variable.
                 self._state = State(scene)
             return self._light
 
@@ -227,7 +233,7 @@ def make():
             return []
 
     class Direct(Base):
-        """Light of the environment over one surface."""
+        """Direct light of the environment."""
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             light = self.light(scene)
@@ -243,7 +249,7 @@ def make():
             return f"HeadtailDirect[sampler={self.file or self.spec}]"
 
     class Path(Base):
-        """Light of the environment over `max_depth` - 1 surfaces, as in Mitsuba's `path`; -1 is no limit."""
+        """Environment light over `max_depth` - 1 surfaces, as in Mitsuba's `path`; -1 means no limit."""
 
         def __init__(self, props):
             super().__init__(props)

@@ -8,7 +8,7 @@ BLOCK = 4
 
 
 class Layer:
-    """y = W x + b, of the numbers that `Head::flat` of the crate headtail-sampling lays out."""
+    """y = W x + b, with the layout of `Head::flat` of the crate headtail-sampling."""
 
     def __init__(self, numbers, row):
         self.inputs, self.outputs, weights, biases = (int(number) for number in row)
@@ -19,10 +19,10 @@ class Layer:
 
 
 class Network:
-    """Layers one after the other. After each of them, or each but the last, a leaky ReLU follows.
+    """A sequence of layers with a leaky ReLU after each, or after each but the last.
 
-    In the variants on LLVM products of matrices are cooperative vectors. Those of CUDA have them in half precision alone, so that products are loops
-    over local memory there.
+    LLVM variants multiply matrices with cooperative vectors. CUDA has these in half precision only, so it uses loops
+    over local memory.
     """
 
     def __init__(self, layers, slope, ends_leaky=False, loops=None):
@@ -36,7 +36,7 @@ class Network:
             self.numbers = list(zip(views[::2], views[1::2]))
 
     def __call__(self, inputs):
-        """The outputs for a list of numbers."""
+        """Returns the outputs for a list of inputs."""
         if not self.layers:
             return []
         return self.by_loops(inputs) if self.loops else self.by_vectors(inputs)
@@ -65,7 +65,7 @@ class Network:
 
 @dr.syntax
 def product(weight, bias, inputs, outputs, given, widest, slope):
-    """One layer, from local memory to local memory; a slope of 1 is no activation."""
+    """Evaluates one layer from and to local memory; a slope of 1 means no activation."""
     out, row = dr.alloc_local(mi.Float, widest), mi.UInt32(0)
     while row < outputs:
         total, column = dr.gather(mi.Float, bias, row), mi.UInt32(0)

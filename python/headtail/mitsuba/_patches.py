@@ -1,6 +1,6 @@
-"""Patches of sky in Dr.Jit: product sampling in closed form, as `sampling/src/patches` has it for SIMD lanes.
+"""Patches of sky in Dr.Jit: product sampling in closed form, like `sampling/src/patches` for SIMD lanes.
 
-Multiplications and additions are fused where they are there: masses agree to the last digits.
+Multiply-adds are fused in the same places as there, so that masses agree to the last digits.
 """
 
 import math
@@ -22,7 +22,7 @@ CUTS_COLUMNS, IS_SINGLE = 1 << 7, 1 << 24
 
 
 class Patch:
-    """What a mass is computed from, of one patch or of one for each lane."""
+    """The quantities that a patch's mass depends on, for one patch or one per lane."""
 
     def __init__(self, numbers):
         self.energy = numbers[0]
@@ -32,20 +32,21 @@ class Patch:
         self.reach, self.mahalanobis, self.cell, self.variance, self.inverse_energy = numbers[10:15]
 
     def spread(self, t):
-        """Three times the variance of t . w over the patch."""
+        """Returns three times the variance of t . w over the patch."""
         first = dr.fma(t.y, self.mixed.x, dr.fma(t.z, self.mixed.y, t.x * self.squares.x))
         second = dr.fma(t.z, self.mixed.z, t.y * self.squares.y)
         third = t.z * self.squares.z
         return dr.maximum(dr.fma(t.x, first, dr.fma(t.y, second, t.z * third)), 0)
 
     def cosines(self, n):
-        """Mean, half width and upper bound of the cosines over the patch, as if they were uniform on an interval."""
+        """Returns mean, half-width and upper bound of the cosines over the patch, approximated as uniform on
+        an interval."""
         mean = dot(n, self.centroid)
         half_width = dr.sqrt(self.spread(n) + LEAST_VARIANCE)
         return mean, half_width, mean + dr.minimum(dr.fma(self.mahalanobis, half_width, self.cell), self.reach)
 
     def mass(self, at, is_leaf):
-        """Light of the patch times what the surface reflects of it."""
+        """Returns the light of the patch times its reflection at the surface."""
         cosines = self.cosines(at.n)
         diffuse = clamped(cosines, is_leaf)
         if at.is_diffuse:
@@ -55,7 +56,8 @@ class Patch:
         return self.energy * dr.select(at.specular > 0, both, diffuse)
 
     def glossy(self, at, cosines, is_leaf):
-        """The Trowbridge-Reitz lobe times cosine in the middle of the visible part, widened by the spread of half vectors."""
+        """Returns the Trowbridge-Reitz lobe times cosine in the middle of the visible part, widened by the
+        spread of half vectors."""
         mean, half_width, bound = cosines
         top = dr.maximum(dr.minimum(mean + half_width, bound), LEAST_TOP * bound)
         bottom = dr.maximum(mean - half_width, 0)
@@ -96,12 +98,13 @@ class Patch:
 
 
 def dot(a, b):
-    """The scalar product, in the order of the native sampler."""
+    """Returns the dot product in the native sampler's order of operations."""
     return dr.fma(a.x, b.x, dr.fma(a.y, b.y, a.z * b.z))
 
 
 def clamped(cosines, is_leaf):
-    """The clamped cosine: its root mean square for a leaf, its mean for a cluster; at least a share of its upper bound."""
+    """Returns the clamped cosine: root mean square for a leaf, mean for a cluster; at least a fraction of its
+    upper bound."""
     mean, half_width, bound = cosines
     above = dr.maximum(mean + half_width, 0)
     if is_leaf:
@@ -113,7 +116,8 @@ def clamped(cosines, is_leaf):
 
 
 class Point:
-    """A shading point in the map's frame: unit normal and direction to the viewer, and lobes (None where all surfaces are diffuse)."""
+    """A shading point in the map's frame: unit normal and direction to the viewer, and lobes (None if all
+    surfaces are diffuse)."""
 
     def __init__(self, n, wo, lobes):
         self.n, self.wo, self.is_diffuse = n, wo, lobes is None
@@ -123,26 +127,27 @@ class Point:
 
 
 def shares(lobes):
-    """The share of samples beside BSDF sampling, by the width of lobes alone."""
+    """Returns the selection probability of the product beside BSDF sampling, by the width of lobes alone."""
     diffuse, specular, f0, alpha = lobes
     return share_beside_lobe(by_width(alpha), diffuse, specular, f0)
 
 
 def by_width(alpha):
-    """The share of BSDF sampling for a lobe by its width alone."""
+    """Returns the probability of BSDF sampling for a lobe by its width alone."""
     return dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
 
 
 def share_beside_lobe(of_lobe, diffuse, specular, f0):
-    """The share of samples beside BSDF sampling, from the share of the latter for the glossy lobe alone."""
+    """Returns the selection probability of the product from the probability of BSDF sampling for the glossy
+    lobe alone."""
     reflected = specular * dr.maximum(f0, LEAST_REFLECTED)
     return dr.select(specular > 0, 1 - of_lobe * reflected / (reflected + diffuse), 1)
 
 
 def share_beside_bsdf(at, total, squared):
-    """The share of samples beside BSDF sampling, by the width of lobes and by how uneven the light is that they see.
+    """Returns the selection probability of the product by the width of lobes and the unevenness of the light in them.
 
-    `total` is what is reflected, `squared` the same weighted by the density of the light.
+    `total` is the reflected light, `squared` the same weighted by the density of the light.
     """
     if at.is_diffuse:
         return mi.Float(1)
@@ -159,7 +164,8 @@ def share_beside_bsdf(at, total, squared):
 
 
 def small_light_scales(own, total, share):
-    """What running sums are changed by, so that small lights get a number of quarters of all samples: a factor for theirs, and what is added to the others."""
+    """Returns changes to running sums that give small lights a multiple of 1/4 of all samples: a factor for
+    their sums, and an offset for the others."""
     rest = total - own
     odds = ODDS_OF_SMALL * dr.sqrt(own / rest)
     quarters = dr.maximum(dr.floor(4 * share * odds / (1 + odds) + 0.5), 1)
@@ -172,11 +178,12 @@ def small_light_scales(own, total, share):
 
 @dr.syntax
 def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, active):
-    """Down one tree: (place, mass, the rectangle cut so far). Cuts are in proportion to masses, whose running sums are in local memory.
+    """Descends one tree: (index, mass, the rectangle cut so far). Cuts are proportional to masses, whose running sums
+    are in local memory.
 
-    The patch is that which z is in, or where `given` that of the place `own`.
+    The patch contains z, or where `given` has the index `own`.
     """
-    # As wide as the random numbers: Dr.Jit takes a loop's variable that is one number for all lanes as a constant.
+    # One value per lane: Dr.Jit treats a loop variable with a single value as a constant.
     zero = z.x * 0
     left, right, top, bottom = left + zero, right + zero, top + zero, bottom + zero
     root = root + mi.UInt32(zero)
@@ -201,7 +208,7 @@ def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, 
 
 
 class Patches:
-    """The sampler `patches` of `arrays` (see `Patches::flat` in the crate headtail-sampling)."""
+    """The sampler `patches` from `arrays` (see `Patches::flat` in the crate headtail-sampling)."""
 
     def __init__(self, arrays):
         self.tail = Tail(arrays)
@@ -215,9 +222,10 @@ class Patches:
         self.small = int(arrays["patches.small"][0])
 
     def sample(self, at, z, given, wi, active=True):
-        """Draws directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction, solid-angle pdf).
+        """Samples directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction,
+        solid-angle pdf).
 
-        One pass for both: the masses of a point's patches are those of a draw and of a pdf alike. given may be None.
+        One pass for both, since sampling and pdf need the same masses. given may be None.
         """
         has_given = given is not None
         twig, inside_cell, factor = mi.UInt32(0), None, None
@@ -238,7 +246,8 @@ class Patches:
         return direction, positive(pdf * q)
 
     def invert(self, at, wi, active=True):
-        """The uniform points that are carried to directions, and the solid-angle pdfs there; where that is 0, no point is."""
+        """Returns the uniform points that map to directions, and their solid-angle pdfs; points with pdf 0
+        are invalid."""
         x, factor = squares(wi)
         y, density = self.tail.pull_back(x, active)
         twig = dr.gather(mi.UInt32, self.twig_of_cell, self.tail.cell(x)[0], active)
@@ -248,7 +257,8 @@ class Patches:
         return dr.minimum(z, BELOW_ONE), positive(q * density * factor)
 
     def walk(self, at, z, given, twig, active):
-        """(rectangle of Y, rectangle of uniform points, density over Y) of the patch that z is in, or where `given` of that of a twig."""
+        """Returns (rectangle of Y, rectangle of uniform points, density over Y) of the patch that contains z,
+        or where `given` of a twig's."""
         given = mi.Bool(False) if given is None else given
         sums, total = self.cluster_sums(at)
         root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
@@ -265,12 +275,13 @@ class Patches:
         return rectangle, cuts, probability * inverse_energy
 
     def share(self, at):
-        """The share of samples beside BSDF sampling."""
+        """Returns the selection probability of the product beside BSDF sampling."""
         sums, squared = self.cluster_masses(at)
         return share_beside_bsdf(at, sums[-1], squared)
 
     def cluster_masses(self, at):
-        """Running sums of the clusters' masses, and the sum of masses weighted by the density of their light."""
+        """Returns running sums of the clusters' masses, and the sum of masses weighted by the density of
+        their light."""
         sums, squared = [], mi.Float(0)
         for record in self.clusters:
             mass = Patch([mi.Float(number) for number in record]).mass(at, False)
@@ -279,7 +290,8 @@ class Patches:
         return sums, squared
 
     def cluster_sums(self, at):
-        """Running sums to cut the square by, in local memory, and their total: small lights, which come first, have quarters of all samples."""
+        """Returns running sums for cutting the square, in local memory, and their total. Small lights come
+        first and get multiples of 1/4 of all samples."""
         sums, squared = self.cluster_masses(at)
         total = sums[-1]
         if self.small > 0:
@@ -295,7 +307,7 @@ class Patches:
         return local, total
 
     def level(self, name, first_root, at, parent, probability, z, cuts, own, given, active):
-        """One level down: (number, probability, cuts, one over the part's energy)."""
+        """Descends one level: (index, probability, cuts, one over the part's energy)."""
         sums, total = dr.alloc_local(mi.Float, PARTS), mi.Float(0)
         for k in range(PARTS):
             total += self.patch(name, parent * PARTS + k, active).mass(at, True)
@@ -308,7 +320,7 @@ class Patches:
 
     @dr.syntax
     def twig_level(self, at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle):
-        """The level below the leaves, for narrow lobes."""
+        """Descends to the level below the leaves, for narrow lobes."""
         if narrow:
             first = 1 + CLUSTERS
             number, probability, cuts, inverse_energy = self.level(
@@ -323,18 +335,18 @@ class Patches:
 
 
 def part_share(mass, total):
-    """The share of a mass; 0 where there is nothing to draw."""
+    """Returns the fraction of a mass; 0 if there is nothing to sample."""
     return dr.select((mass > 0) & (total > 0), mass / total, 0)
 
 
 def inside_of(rectangle, point):
-    """Where a point lies in a rectangle."""
+    """Returns the position of a point relative to a rectangle."""
     left, right, top, bottom = rectangle
     return mi.Point2f(remap(point.x, left, right), remap(point.y, top, bottom))
 
 
 def within(start, end, inside):
-    """A place in an interval, and never its end, which belongs to the next patch."""
+    """Returns a position in an interval, excluding its end, which belongs to the next patch."""
     place = start + (end - start) * inside
     below = dr.reinterpret_array(mi.Float, dr.reinterpret_array(mi.UInt32, end) - 1)
     return dr.select(place < end, place, below)

@@ -1,4 +1,4 @@
-"""Monotone rational-quadratic splines in Dr.Jit, as `sampling/src/spline` has them: on [0, 1] and on the circle."""
+"""Monotone rational-quadratic splines in Dr.Jit, like `sampling/src/spline`: on [0, 1] and on the circle."""
 
 import drjit as dr
 import mitsuba as mi
@@ -9,7 +9,7 @@ BELOW_ONE = 1 - 2.0**-24
 
 
 def wrap(x):
-    """Onto [0, 1): x - floor(x) rounds to 1 for a tiny negative x."""
+    """Wraps to [0, 1): x - floor(x) rounds to 1 for a tiny negative x."""
     fraction = x - dr.floor(x)
     return dr.select(fraction >= 1, 0, fraction)
 
@@ -19,7 +19,8 @@ def softplus(x):
 
 
 def quadratic(t, s, d0, d1):
-    """The value in a bin at t, both in [0, 1], and the slope there (Durkan et al. 2019, eq. 4 and 5); s is the secant."""
+    """Returns value and slope in a bin at t, both in [0, 1] (Durkan et al. 2019, eq. 4 and 5); s is the
+    secant."""
     o = 1 - t
     numerator = d1 * t * t + 2 * s * t * o + d0 * o * o
     by_d = dr.rcp(s * (1 - 2 * t * o) + (d0 + d1) * t * o)
@@ -27,7 +28,7 @@ def quadratic(t, s, d0, d1):
 
 
 def root_of(value, s, d0, d1):
-    """The position at which a bin has a value: the root in the form in which nothing cancels."""
+    """Returns the position at which a bin has a value: the root in its cancellation-free form."""
     o = 1 - value
     b = d0 - (d0 + d1 - 2 * s) * value
     ends = d0 * o - d1 * value
@@ -37,7 +38,7 @@ def root_of(value, s, d0, d1):
 
 
 class Spline:
-    """A spline for each lane, of a network's logits."""
+    """A spline per lane, from a network's logits."""
 
     def __init__(self, logits, is_circle):
         self.bins, self.is_circle = (len(logits) - 1) // 3, is_circle
@@ -50,7 +51,7 @@ class Spline:
 
     @staticmethod
     def sizes(logits):
-        """Widths or heights of bins."""
+        """Returns widths or heights of bins."""
         largest = logits[0]
         for logit in logits[1:]:
             largest = dr.maximum(largest, logit)
@@ -62,7 +63,8 @@ class Spline:
         return [LEAST_BIN + number * scale for number in exponentials]
 
     def bin(self, at, first, second):
-        """The last bin whose start a point has reached along the first axis: starts and sizes along both, and the slopes at its ends."""
+        """Returns the bin of a point along the first axis: starts and sizes along both axes, and the slopes
+        at its ends."""
         zero = at * 0
         left, bottom, found = zero, zero, [zero] * 6
         for k in range(self.bins):
@@ -74,7 +76,7 @@ class Spline:
         return *sizes, LEAST_SLOPE + softplus(d0 + SLOPE_OFFSET), LEAST_SLOPE + softplus(d1 + SLOPE_OFFSET)
 
     def forward(self, z):
-        """The sampling direction: (y, dz/dy)."""
+        """Evaluates the sampling direction: (y, dz/dy)."""
         z = dr.clip(z, 0, 1)
         bottom, left, height, width, d0, d1 = self.bin(z, self.heights, self.widths)
         s = height / width
@@ -85,7 +87,7 @@ class Spline:
         return dr.minimum(y, BELOW_ONE), slope
 
     def inverse(self, y):
-        """The density direction: (z, dz/dy)."""
+        """Evaluates the density direction: (z, dz/dy)."""
         x = wrap(wrap(y) + self.turn) if self.is_circle else dr.clip(y, 0, 1)
         left, bottom, width, height, d0, d1 = self.bin(x, self.widths, self.heights)
         t = dr.clip((x - left) / width, 0, 1)

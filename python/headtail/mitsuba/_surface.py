@@ -1,10 +1,10 @@
-"""What Mitsuba's BSDFs are near to: a diffuse lobe and a Trowbridge-Reitz lobe."""
+"""Approximates Mitsuba's BSDFs by a diffuse and a Trowbridge-Reitz lobe."""
 
 import drjit as dr
 import mitsuba as mi
 
-# BSDFs that reflect as the cosine to the shading normal does, and nothing else. All others are sampled in a mixture with their own sampling:
-# a bump map, for one, turns the cosine.
+# BSDFs that are proportional to the cosine with the shading normal. All others are mixed with their own
+# sampling: a bump map, for example, changes the cosine.
 DIFFUSE = "SmoothDiffuse"
 TWO_SIDED = "TwoSided"
 
@@ -12,11 +12,11 @@ LEAST_ALPHA = 1e-3
 
 
 def is_diffuse(bsdf):
-    """Whether a BSDF is known to be diffuse and nothing else, on both of its sides."""
+    """Returns whether a BSDF is purely diffuse on both sides."""
     diffuse = int(mi.BSDFFlags.DiffuseReflection)
     if any(int(bsdf.flags(k)) & 0x7FFF & ~diffuse for k in range(bsdf.component_count())):
         return False
-    # What is nested is known by the description alone: every BSDF in it has the name of its class before a bracket.
+    # Nested BSDFs are visible only in the description, where a class name precedes each bracket.
     text = str(bsdf)
     if text.startswith(TWO_SIDED):
         sides = [line for line in text.splitlines() if line.lstrip().startswith("brdf[")]
@@ -25,12 +25,12 @@ def is_diffuse(bsdf):
 
 
 def luminance(color):
-    """The luminance of a colour of three channels, or of one."""
+    """Returns the luminance of a colour with three channels or one."""
     return mi.luminance(color) if len(color) == 3 else color.x
 
 
 class Kind:
-    """What can be said of a BSDF without a hit."""
+    """Properties of a BSDF that do not depend on a hit."""
 
     def __init__(self, bsdf):
         flags = int(bsdf.flags())
@@ -41,7 +41,7 @@ class Kind:
         self.attributes = {name for name in ("alpha", "roughness", "base_color", "metallic") if has(name)}
 
     def lobes(self, bsdf, si, active):
-        """(diffuse, specular, f0, alpha, whether product sampling has a share) at hits."""
+        """Returns (diffuse, specular, f0, alpha, whether product sampling applies) at hits."""
         zero = si.t * 0
         if self.is_diffuse:
             return zero + 1, zero, zero + 1, zero + 1, active
@@ -52,7 +52,7 @@ class Kind:
         elif "roughness" in self.attributes:
             alpha = dr.square(bsdf.eval_attribute_1("roughness", si, active))
         else:
-            # Diffuse below a smooth coat, or a lobe of which nothing is known.
+            # Diffuse below a smooth coat, or an unknown lobe.
             alpha = zero + 0.1
         diffuse, f0 = zero, zero + 0.8
         if {"base_color", "metallic"} <= self.attributes:
@@ -76,11 +76,11 @@ class Surfaces:
         self.are_diffuse = all(kind.is_diffuse for _, kind in self.kinds)
 
     def kind(self, bsdf):
-        """The kind of a BSDF; None of those that are parts of others."""
+        """Returns the kind of a BSDF; None for parts of others."""
         return next((kind for known, kind in self.kinds if known == bsdf), None)
 
     def lobes(self, bsdf, si, active):
-        """As `Kind.lobes`, for the BSDF of each lane."""
+        """Like `Kind.lobes`, for the BSDF of each lane."""
 
         def lobes(bsdf, si, active):
             kind = self.kind(bsdf)

@@ -1,4 +1,4 @@
-"""Tables over normals in Dr.Jit, as `sampling/src/bake` has them for SIMD lanes: for diffuse surfaces."""
+"""Tables over normals in Dr.Jit, like `sampling/src/bake` for SIMD lanes: for diffuse surfaces."""
 
 import drjit as dr
 import mitsuba as mi
@@ -9,7 +9,7 @@ from ._warp import BELOW_ONE, directions, positive, remap, squares, upload
 
 
 def fast_atan2(y, x):
-    """The native polynomial (Abramowitz and Stegun 1964, 4.4.49), so that the interpolated table is the same one."""
+    """The native polynomial (Abramowitz and Stegun 1964, 4.4.49), so that tables are interpolated equally."""
     small, large = dr.minimum(abs(y), abs(x)), dr.maximum(abs(y), abs(x))
     a = small / dr.maximum(large, 1.17549435e-38)
     s = a * a
@@ -20,7 +20,8 @@ def fast_atan2(y, x):
 
 
 class Table:
-    """The sampler of a table of `arrays` (see `BakedTable::flat` in the crate headtail-sampling) over its tail."""
+    """The sampler of a table from `arrays` (see `BakedTable::flat` in the crate headtail-sampling) over its
+    tail."""
 
     sees_lobes = has_share = False
 
@@ -32,13 +33,14 @@ class Table:
         self.masses = upload(self.around(arrays["table.masses"]))
 
     def around(self, sums):
-        """Running sums of the four nodes around each cell of the grid of normals, side by side."""
+        """Returns the running sums of the four nodes around each cell of the grid of normals, side by
+        side."""
         sums = sums.reshape(self.polar, self.azimuth, *sums.shape[1:])
         east = np.roll(sums, -1, 1)
         return np.stack([sums[:-1], east[:-1], sums[1:], east[1:]], -1)
 
     def prepare(self, at):
-        """The cell of the grid of normals around a shading point's, and four weights."""
+        """Returns the cell of the grid of normals at a shading point, and four weights."""
         n = at.n
         a = fast_atan2(n.x, -n.z) * (self.azimuth * dr.inv_two_pi)
         a = dr.select(a < 0, a + self.azimuth, a)
@@ -50,9 +52,9 @@ class Table:
 
     @staticmethod
     def search(count, target, sums):
-        """(first index whose running sum is above the target, the sum before it)."""
+        """Returns (first index whose running sum exceeds the target, the sum before it)."""
         low, before, size = mi.UInt32(0), mi.Float(0), count
-        # Over numbers of Python: unrolled.
+        # Over Python integers: unrolled.
         while size > 1:
             half = size // 2
             value = sums(low + (half - 1))
@@ -62,21 +64,22 @@ class Table:
         return low, before
 
     def down_sum(self, node, weights, row, active):
-        """The running sum of rows."""
+        """Returns the running sum of rows."""
         return dr.dot(weights, dr.gather(mi.Vector4f, self.down, node * self.rows + row, active))
 
     def along_sum(self, node, weights, row, column, active):
-        """The running sum of the columns of a row."""
+        """Returns the running sum of a row's columns."""
         at = (node * self.rows + row) * self.columns + column
         return dr.dot(weights, dr.gather(mi.Vector4f, self.along, at, active))
 
     def mass(self, node, weights, row, column, active):
-        """The mass of a cell; running sums are rounded, and their differences are not small cells' masses."""
+        """Returns the mass of a cell, which rounded differences of running sums would not give for small
+        cells."""
         at = (node * self.rows + row) * self.columns + column
         return dr.dot(weights, dr.gather(mi.Vector4f, self.masses, at, active))
 
     def sample(self, prepared, z, active=True):
-        """Draws a direction for a uniform point z: (direction, solid-angle pdf)."""
+        """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
         node, weights = prepared
         total = self.down_sum(node, weights, self.rows - 1, active)
         target = z.y * total
@@ -91,7 +94,7 @@ class Table:
         return direction, self.solid_angle(density * factor, self.mass(node, weights, row, column, active), total)
 
     def pdf(self, prepared, wi, active=True):
-        """The solid-angle pdf with which `sample` draws a direction."""
+        """Returns the solid-angle pdf of a direction under `sample`."""
         node, weights = prepared
         x, factor = squares(wi)
         y, density = self.tail.pull_back(x, active)
@@ -101,11 +104,11 @@ class Table:
         return self.solid_angle(density * factor, mass, self.down_sum(node, weights, self.rows - 1, active))
 
     def solid_angle(self, pdf, mass, total):
-        """The pdf of a cell's mass."""
+        """Returns the solid-angle pdf of a cell's mass."""
         return positive(pdf * mass * (self.rows * self.columns) / total)
 
 
 def inside(index, position):
-    """A position in a row of cells, below the next one even where the sum is rounded."""
+    """Returns a position in a row of cells, below the next one even if the sum is rounded."""
     index = mi.Float(index)
     return dr.minimum(index + position, (index + 1) * BELOW_ONE)

@@ -1,4 +1,4 @@
-"""The row-column tail and the flow tail in Dr.Jit, and the choice of a tail by its arrays."""
+"""The row-column tail and the flow tail in Dr.Jit, and the choice of a tail from its arrays."""
 
 import drjit as dr
 import mitsuba as mi
@@ -7,15 +7,15 @@ from ._warp import BELOW_ONE, Cells, Tail, invert_linear, remap, sample_linear, 
 
 
 def tail_of(arrays):
-    """The tail of `arrays` (see `Tail::flat` in the crate headtail-sampling)."""
+    """Returns the tail of `arrays` (see `Tail::flat` in the crate headtail-sampling)."""
     if "tail.levels" in arrays:
         return Tail(arrays)
     return Flow(arrays) if "tail.cells" in arrays else RowColumn(arrays)
 
 
 class RowColumn(Cells):
-    """The row-column tail (see `RowColumn::window` in the crate headtail-sampling): first a row by its share of the light, then a column within the row.
-    Outside of the window there is no light.
+    """The row-column tail (see `RowColumn::window` in the crate headtail-sampling): first a row in proportion to
+    its light, then a column within the row. There is no light outside the window.
     """
 
     def __init__(self, arrays):
@@ -24,7 +24,7 @@ class RowColumn(Cells):
         self.window, self.numbers = [int(number) for number in arrays["tail.windows"][0]], upload(arrays["tail.numbers"])
 
     def last_at_most(self, count, target, value):
-        """The last index below count whose value is at most the target; 0 if there is none."""
+        """Returns the last index below count whose value is at most the target; 0 if there is none."""
         low, size = mi.UInt32(0), count
         while size > 1:
             half = size >> 1
@@ -36,24 +36,24 @@ class RowColumn(Cells):
         return dr.gather(mi.Float, self.numbers, place, active)
 
     def before(self, row, t, column, active):
-        """The integral of the blended row from the left edge of the window to that of a cell."""
+        """Returns the integral of the blended row from the window's left edge to a cell's."""
         stride = self.window[3] + 1
         upper = self.window[7] + row * stride + column
         return dr.lerp(self.number(upper, active), self.number(upper + stride, active), t)
 
     def edges(self, row, t, column, active):
-        """The densities at the left and the right edge of a cell, at a height in it."""
+        """Returns the densities at the left and right edges of a cell, at a height in it."""
         stride = self.window[3] + 1
         upper = self.window[4] + row * stride + column
         a, b, c, d = (self.number(upper + step, active) for step in (0, 1, stride, stride + 1))
         return dr.lerp(a, c, t), dr.lerp(b, d, t)
 
     def around(self, start, row, active):
-        """The numbers of a list above and below a row of cells."""
+        """Returns the entries of a list above and below a row of cells."""
         return self.number(start + row, active), self.number(start + row + 1, active)
 
     def forward(self, y, active=True):
-        """x of a point of Y, and the density |dy/dx| there."""
+        """Returns x for a point of Y, and the density |dy/dx| there."""
         u, v, window = remap(y.x, 0, 1), remap(y.y, 0, 1), self.window
         row = self.last_at_most(window[1], v, lambda row: self.number(window[6] + row, active))
         t = sample_linear(remap(v, *self.around(window[6], row, active)), *self.around(window[5], row, active))
@@ -65,9 +65,9 @@ class RowColumn(Cells):
         return self.point(window[2] + column, window[0] + row, s, t), dr.lerp(west, east, s)
 
     def pull_back(self, x, active=True):
-        """y of a point of X, and |dy/dx|."""
+        """Returns y for a point of X, and |dy/dx|."""
         window, (cell, inside) = self.window, self.cell(x)
-        # What is before the window is a large number.
+        # Cells before the window wrap to large indices.
         row, column = cell // self.width - window[0], cell % self.width - window[2]
         active = (row < window[1]) & (column < window[3]) & active
         first, last = self.around(window[6], row, active)
@@ -95,17 +95,17 @@ class Flow:
         self.left, self.right = float(arrays["tail.boxes"][0, 0]), float(arrays["tail.boxes"][0, 2])
 
     def quad(self, index, active):
-        """p, e, f and g of the image p + s e + t f + s t g of a cell."""
+        """Returns p, e, f and g of a cell's image p + s e + t f + s t g."""
         a, b = (dr.gather(mi.Vector4f, self.cells, 2 * index + k, active) for k in (0, 1))
         return [mi.Point2f(v.x, v.y) for v in (a, mi.Vector2f(a.z, a.w), b, mi.Vector2f(b.z, b.w))]
 
     def density(self, quad, st):
-        """|dy/dx| at a position in a cell."""
+        """Returns |dy/dx| at a position in a cell."""
         _, e, f, g = quad
         return dr.rcp((cross(e, f) + st.x * cross(e, g) + st.y * cross(g, f)) * (self.side * self.side))
 
     def forward(self, y, active=True):
-        """x of a point of Y, and the density |dy/dx| there."""
+        """Returns x for a point of Y, and the density |dy/dx| there."""
         at = mi.Point2f(remap(y.x, 0, 1), remap(y.y, 0, 1)) * self.side
         column, row = mi.UInt32(at.x), mi.UInt32(at.y)
         st = at - mi.Point2f(mi.Float(column), mi.Float(row))
@@ -116,7 +116,7 @@ class Flow:
         return mi.Point2f(dr.select(u >= 1, 0, u), dr.clip(x.y, 0, 1)), self.density(quad, st)
 
     def candidate(self, quad, h, t):
-        """One root of the quadratic: (position, how far outside the cell that is)."""
+        """Returns one root of the quadratic: (position, its distance outside the cell)."""
         _, e, f, g = quad
         along = e + t * g
         s = dr.dot(h - t * f, along) / dr.dot(along, along)
@@ -125,7 +125,7 @@ class Flow:
         return mi.Point2f(dr.select(known, s, 0.5), dr.select(known, t, 0.5)), dr.select(known, outside, self.FAR)
 
     def invert(self, quad, x):
-        """The position in a cell that is carried to x, and how far outside the cell it is."""
+        """Returns the position in a cell that maps to x, and its distance outside the cell."""
         p, e, f, g = quad
         # (h - t f) x (e + t g) = 0.
         h = x - p
@@ -137,7 +137,7 @@ class Flow:
         return dr.select(by_first <= by_second, first, second), dr.minimum(by_first, by_second)
 
     def pull_back(self, x, active=True):
-        """y of a point of X, and |dy/dx|: of the cell that the point is least outside of."""
+        """Returns y for a point of X and |dy/dx|, from the cell that the point is least outside of."""
         index, st = self.search(mi.Point2f(x), mi.Bool(active))
         st = dr.clip(st, 0, 1)
         corner = mi.Point2f(mi.Float(index % self.side), mi.Float(index // self.side))
@@ -146,8 +146,8 @@ class Flow:
 
     @dr.syntax
     def search(self, x, active):
-        """(number of the cell, position in it), down the tree of bounding boxes."""
-        # Each box that waits is one number: level, then its place in the level.
+        """Finds (index of the cell, position in it) in the tree of bounding boxes."""
+        # A pending box is one number: level, then its index in the level.
         waiting = dr.alloc_local(mi.UInt32, self.ROOM)
         zero = x.x * 0
         index, outside, at = mi.UInt32(zero), zero + self.FAR, mi.Float(x.x)
@@ -173,7 +173,7 @@ class Flow:
                     own = (row + (child >> 1)) * (2 * side) + column + (child & 1)
                     waiting[count] = ((level + 1) << 20) | own
                     count += 1
-            # On the next turn of the circle.
+            # In the next period of the circle.
             is_over = (count == 0) & (outside > 0) & (at + 1 <= self.right)
             at = dr.select(is_over, at + 1, at)
             if is_over:

@@ -1,4 +1,5 @@
-"""The quad-tree tail in Dr.Jit: points of Y to points of X, and cells of X; and small functions that all samplers share."""
+"""The quad-tree tail in Dr.Jit: maps points of Y to X, and cells of X; and helper functions of all
+samplers."""
 
 import drjit as dr
 import mitsuba as mi
@@ -9,20 +10,22 @@ LEAST_SINE = 1e-7
 
 
 def remap(at, start, end):
-    """The position of a number in an interval, in [0, 1): what is left of a uniform number that chose it."""
+    """Returns the position of a number in an interval, in [0, 1): rescales the uniform number that chose the
+    interval."""
     inside = (at - start) / (end - start)
-    # In this order what is not a number becomes 0.
+    # This order turns NaN into 0.
     inside = dr.select(inside > 0, inside, 0)
     return dr.select(inside < BELOW_ONE, inside, BELOW_ONE)
 
 
 def positive(pdf):
-    """A pdf; 0 where it is none."""
+    """Returns a pdf; 0 if it is invalid."""
     return dr.select((pdf > 0) & (pdf < dr.inf), pdf, 0)
 
 
 def directions(x):
-    """The unit direction of a point of X, and the factor from densities over X to pdfs over solid angle."""
+    """Returns the unit direction of a point of X, and the factor from densities over X to solid-angle
+    pdfs."""
     sin_phi, cos_phi = dr.sincos(x.x * dr.two_pi)
     sin_theta, cos_theta = dr.sincos(x.y * dr.pi)
     factor = dr.rcp(2 * dr.pi**2 * dr.maximum(sin_theta, LEAST_SINE))
@@ -30,18 +33,18 @@ def directions(x):
 
 
 def squares(w):
-    """The point of X of a unit direction, and the same factor."""
+    """Returns the point of X of a unit direction, and the same factor."""
     horizontal = dr.sqrt(w.x * w.x + w.z * w.z)
     u = dr.atan2(w.x, -w.z) * dr.inv_two_pi
     u = dr.select(u < 0, u + 1, u)
-    # By the arc tangent: near the poles the arc cosine loses half of the digits.
+    # Uses the arc tangent: near the poles the arc cosine loses half of the digits.
     v = dr.atan2(horizontal, w.y) * dr.inv_pi
     factor = dr.rcp(2 * dr.pi**2 * dr.maximum(horizontal, LEAST_SINE))
     return mi.Point2f(dr.select(u >= 1, 0, u), dr.minimum(v, 1)), factor
 
 
 def sample_linear(u, a, b):
-    """The point at which the linear density from a to b has accumulated the share u."""
+    """Returns the point at which the linear density from a to b has accumulated the fraction u."""
     root = dr.sqrt(dr.maximum(a * a + u * (b * b - a * a), 0))
     below = a + root
     return dr.select(below > 0, dr.minimum(u * (a + b) / below, BELOW_ONE), 0)
@@ -54,7 +57,7 @@ def invert_linear(t, a, b):
 
 
 def upload(array):
-    """A flat Dr.Jit array of numpy's."""
+    """Returns a flat Dr.Jit array from numpy."""
     kind = mi.Float if array.dtype == np.float32 else mi.UInt32
     return kind(np.ascontiguousarray(array).ravel())
 
@@ -66,7 +69,7 @@ class Cells:
         self.width, self.rows = width, rows
 
     def cell(self, x):
-        """The number of the cell of a point of X, and the position inside."""
+        """Returns the index of the cell of a point of X, and the position inside."""
         across = x.x * self.width - 0.5
         across = dr.select(across < 0, across + self.width, across)
         down = x.y * self.rows
@@ -76,14 +79,14 @@ class Cells:
         return row * self.width + column, inside
 
     def point(self, column, row, across, down):
-        """The point of X at a position in a cell."""
+        """Returns the point of X at a position in a cell."""
         x = mi.Point2f((mi.Float(column) + across + 0.5) / self.width, (mi.Float(row) + down) / self.rows)
         x.x = dr.select(x.x >= 1, dr.clip(x.x - 1, 0, BELOW_ONE), x.x)
         return x
 
 
 class Tail(Cells):
-    """The quad-tree warp of `arrays` (see `Hierarchical::flat` in the crate headtail-sampling)."""
+    """The quad-tree warp from `arrays` (see `Hierarchical::flat` in the crate headtail-sampling)."""
 
     def __init__(self, arrays):
         cuts, levels = arrays["tail.cuts"], arrays["tail.levels"]
@@ -96,7 +99,7 @@ class Tail(Cells):
         self._numpy_cuts, self._rectangles = cuts, None
 
     def forward(self, y, active=True):
-        """x of a point of Y, and the density |dy/dx| there."""
+        """Returns x for a point of Y, and the density |dy/dx| there."""
         index, column, row = mi.UInt32(0), mi.UInt32(0), mi.UInt32(0)
         left, right, top, bottom = mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
         u, v = remap(y.x, 0, 1), remap(y.y, 0, 1)
@@ -119,12 +122,12 @@ class Tail(Cells):
         return self.point(column, row, inside_u, inside_v), dr.lerp(west, east, inside_u)
 
     def density(self, cell, inside, active=True):
-        """|dy/dx| at a position in a cell."""
+        """Returns |dy/dx| at a position in a cell."""
         a, b, c, d = dr.gather(mi.Vector4f, self.corners, cell, active)
         return dr.lerp(dr.lerp(a, c, inside.y), dr.lerp(b, d, inside.y), inside.x)
 
     def pull_back(self, x, active=True):
-        """y of a point of X, and |dy/dx|."""
+        """Returns y for a point of X, and |dy/dx|."""
         cell, inside = self.cell(x)
         if self._rectangles is None:
             self._rectangles = upload(self.rectangles())
@@ -136,7 +139,7 @@ class Tail(Cells):
         return dr.minimum(y, BELOW_ONE), dr.lerp(west, east, inside.x)
 
     def rectangles(self):
-        """[rows * width, 4]: left, right, top, bottom in Y of every cell."""
+        """Returns [rows * width, 4]: left, right, top, bottom in Y of every cell."""
         bounds, places = np.array([[0, 1, 0, 1]], np.float32), np.zeros((1, 2), np.int64)
         for column_bits, row_bits, start in self.levels:
             cuts = self._numpy_cuts[start : start + len(bounds)]

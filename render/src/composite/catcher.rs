@@ -1,4 +1,4 @@
-//! What stands in the photograph: the object, the catcher of its shadow, and what the catcher looks like.
+//! The geometry in a photograph: the object, the catcher of its shadow, and the catcher's appearance.
 
 use std::f32::consts::PI;
 
@@ -14,27 +14,28 @@ use crate::{
     tile::ShadingPoint,
 };
 
-/// Width of a plane over the extent of what it has to catch the shadow of.
+/// Width of a catcher plane relative to the larger of the object's extent and the camera's distance.
 const PLANE_WIDTH: f32 = 60.0;
 
-/// Rows of the table of irradiance of a catcher that is no plane: normals are 1.4 degrees apart, where linear interpolation is off by
-/// 7.5e-5 of the largest cosine.
+/// Rows of the irradiance table of a mesh catcher. Normals are 1.4 degrees apart, for which linear
+/// interpolation has an error of 7.5e-5 of the largest cosine.
 const TABLE_ROWS: usize = 129;
-/// Radius in radians of the blocks of the map that the table does not look into, see [`Irradiance::to_within`].
+/// Largest radius, in radians, of the map's blocks that the table does not refine, see
+/// [`Irradiance::to_within`].
 const COARSE: f64 = 0.01;
 
-/// The surface in the photograph that catches the shadow. It is diffuse.
+/// The diffuse surface in the photograph that catches the shadow.
 pub struct Catcher {
     scene: Scene,
-    /// The normal of a plane.
+    /// Normal, if the catcher is a plane.
     plane: Option<Vec3A>,
 }
 
 impl Catcher {
-    /// A plane through a point, as large as the shadow of `object`, seen from `camera`, may reach.
+    /// Creates a plane through `at`, large enough for the shadow of `object` as seen from `camera`.
     ///
     /// # Errors
-    /// When `normal` has no direction.
+    /// If `normal` has no direction.
     pub fn plane(at: Vec3A, normal: Vec3A, object: &Scene, camera: &Camera) -> Result<Self> {
         let bounds = object.bounds();
         let reach = bounds.extent().max_element().max((camera.look_from() - at).length()).max(1e-3);
@@ -42,7 +43,7 @@ impl Catcher {
         Ok(Self { scene, plane: normal.try_normalize() })
     }
 
-    /// Any surface. Where it shadows itself is in the photograph already.
+    /// Creates a catcher from any surface. Its self-shadowing is already in the photograph.
     pub fn mesh(scene: Scene) -> Self {
         Self { scene, plane: None }
     }
@@ -50,43 +51,43 @@ impl Catcher {
 
 /// The object with its catcher.
 pub struct Stage {
-    /// The object alone: what casts the shadow.
+    /// The object alone, which casts the shadow.
     pub(super) object: Scene,
     /// The catcher alone.
     pub(super) catcher: Scene,
-    /// Both: what camera and paths see.
+    /// Both, for camera rays and paths.
     pub(super) all: Scene,
     first_catcher: usize,
     plane: Option<Vec3A>,
 }
 
 impl Stage {
-    /// Puts an object on a catcher.
+    /// Joins an object and a catcher.
     ///
     /// # Errors
-    /// When there are too many triangles.
+    /// If there are too many triangles.
     pub fn new(object: Scene, catcher: Catcher) -> Result<Self> {
         let all = object.joined(&catcher.scene)?;
         let first_catcher = object.mesh_count();
         Ok(Self { object, catcher: catcher.scene, all, first_catcher, plane: catcher.plane })
     }
 
-    /// Whether the catcher is a plane, whose unshadowed irradiance is known exactly.
+    /// Returns whether the catcher is a plane, whose unshadowed irradiance is exact.
     pub fn is_plane(&self) -> bool {
         self.plane.is_some()
     }
 
-    /// The object.
+    /// Returns the object.
     pub fn object(&self) -> &Scene {
         &self.object
     }
 
-    /// Whether a hit of [`Self::all`] is on the catcher.
+    /// Returns whether a hit of [`Self::all`] is on the catcher.
     pub(super) fn is_catcher(&self, hit: &Hit) -> bool {
         self.all.mesh_of(hit) >= self.first_catcher
     }
 
-    /// Whether a point of the catcher is on the side that catches.
+    /// Returns whether a point of the catcher is on the side that catches shadows.
     pub(super) fn faces(&self, point: &ShadingPoint) -> bool {
         self.plane.is_none_or(|normal| normal.dot(point.ng) > 0.0)
     }
@@ -97,14 +98,14 @@ pub struct Backdrop<'a> {
     environment: &'a Environment,
     photograph: &'a Photograph,
     camera: Camera,
-    /// What turns the photograph's values into the map's units, per channel.
+    /// Factor from the photograph's values to the map's units, per channel.
     gain: Vec3A,
     irradiance: Table,
 }
 
 enum Table {
     Plane(Vec3A),
-    /// By the normals of lat-long points, `[rows * columns]`.
+    /// Values for the normals of a lat-long grid, `[rows * columns]`.
     Normals {
         columns: usize,
         values: Vec<Vec3A>,
@@ -112,7 +113,8 @@ enum Table {
 }
 
 impl<'a> Backdrop<'a> {
-    /// A photograph by a camera, whose values times `gain` (positive, per channel) are radiance in the units of the map.
+    /// Creates the backdrop from a photograph and its camera. Values times `gain` (positive, per channel) are
+    /// radiance in the units of the map.
     pub fn new(
         stage: &Stage,
         environment: &'a Environment,
@@ -128,24 +130,24 @@ impl<'a> Backdrop<'a> {
         Self { environment, photograph, camera, gain, irradiance }
     }
 
-    /// The unshadowed irradiance per channel of a surface with the unit normal `n`, in W/m^2.
+    /// Returns the unshadowed irradiance per channel of a surface with the unit normal `n`, in W/m^2.
     pub fn irradiance(&self, n: Vec3A) -> Vec3A {
         self.irradiance.at(n)
     }
 
-    /// One over [`Self::irradiance`]; 0 for channels without light.
+    /// Returns one over [`Self::irradiance`]; 0 for channels without light.
     pub(super) fn inverse_irradiance(&self, n: Vec3A) -> Vec3A {
         let irradiance = self.irradiance.at(n);
         Vec3A::select(irradiance.cmpgt(Vec3A::splat(f32::MIN_POSITIVE)), irradiance.recip(), Vec3A::ZERO)
     }
 
-    /// Light of the map in the units of the photograph.
+    /// Converts light of the map to the units of the photograph.
     pub(super) fn seen(&self, light: Vec3A) -> Vec3A {
         light / self.gain
     }
 
-    /// What the catcher radiates at `p` without the object, in the map's units: the photograph where that shows it, and what the map has
-    /// in this direction from the camera elsewhere.
+    /// Returns the radiance of the catcher at `p` without the object, in the map's units: from the photograph
+    /// where it shows `p`, elsewhere from the map in the direction from the camera.
     pub fn radiance(&self, p: Vec3A) -> Vec3A {
         let (width, height) = (self.photograph.image.width, self.photograph.image.height);
         let seen = self.camera.project(p, width, height).and_then(|at| self.photograph.sample(at));
@@ -156,8 +158,8 @@ impl<'a> Backdrop<'a> {
         }
     }
 
-    /// The diffuse reflectance that makes the catcher radiate [`Self::radiance`] under the map. A photograph of something brighter than
-    /// the map can light has one above 1.
+    /// Returns the diffuse reflectance that makes the catcher radiate [`Self::radiance`] under the map. It
+    /// exceeds 1 where the photograph is brighter than the map can light a surface.
     pub fn albedo(&self, p: Vec3A, n: Vec3A) -> Vec3A {
         PI * self.radiance(p) * self.inverse_irradiance(n)
     }
@@ -209,7 +211,8 @@ mod tests {
             for _ in 0..40 {
                 let n = random.direction();
                 let error = (table.at(n) - exact.at(n)).abs().max_element();
-                // Along u and v 7.5e-5 each, and at the edge of a lamp's horizon a quarter of a step of its slope, 0.006.
+                // 7.5e-5 along each of u and v, and a quarter of a step, 0.006, times the slope where a lamp
+                // crosses the horizon.
                 assert!(error < 1e-3 * largest, "{name} {n}: {error} of {largest}");
             }
         }

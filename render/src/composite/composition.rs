@@ -1,22 +1,22 @@
-//! What is composited, and how much of it is computed.
+//! The input of a composite and its settings.
 
 use super::catcher::{Backdrop, Stage};
 use crate::{estimator::Estimator, scene::Camera};
 
-/// What is put into a photograph.
+/// The input of a composite.
 #[derive(Clone, Copy)]
 pub struct Composition<'a> {
     /// The object and its catcher.
     pub stage: &'a Stage,
-    /// What the catcher looks like.
+    /// Appearance of the catcher.
     pub backdrop: &'a Backdrop<'a>,
     /// The photograph's camera.
     pub camera: &'a Camera,
-    /// What draws directions, and weighs them with the light of the map.
+    /// Estimator of the map's light.
     pub estimator: &'a dyn Estimator,
 }
 
-/// How much is computed.
+/// Resolution, sample count and selection of layers.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Width in pixels.
@@ -25,12 +25,12 @@ pub struct Settings {
     pub height: usize,
     /// Samples per pixel; 0 counts as 1.
     pub spp: u32,
-    /// Surfaces that light may visit on its way to the camera, catcher included: 1 is light of the map on the object, and the mask.
+    /// Maximum surfaces on a light path, catcher included: 1 is light of the map on the object, and the mask.
     pub depth: u32,
     /// Seed of the samples.
     pub seed: u64,
-    /// Only the mask: the object is not lit.
+    /// Compute only the mask, without light on the object.
     pub mask_only: bool,
-    /// Leave out the object: the catcher as it is, for the second of two passes.
+    /// Omit the object, for the second pass of [`Mask::of_two`](super::Mask::of_two).
     pub without_object: bool,
 }

@@ -1,4 +1,4 @@
-//! What a composition sums up in every pixel.
+//! Per-pixel sums of a composite.
 
 use glam::{DVec3, DVec4};
 
@@ -7,36 +7,37 @@ use glam::{DVec3, DVec4};
 pub struct CatcherSums {
     /// Camera rays that hit the catcher.
     pub hits: u32,
-    /// Visible weights over the irradiance, per channel and of luminance.
+    /// Sum of the visible weights over the irradiance, per channel and for luminance.
     pub visible: DVec4,
-    /// The weights that the catcher does not block itself, over the irradiance. In the mean the share of it that the catcher leaves itself.
+    /// Sum of the weights, over the irradiance, that the catcher does not block. Its mean is the fraction of
+    /// the irradiance that self-shadowing leaves.
     pub all: DVec4,
-    /// Squares of the visible ones among these weights, and of all of them.
+    /// Sum of the squares of the weights in `visible`.
     pub visible_squares: DVec4,
-    /// See `visible_squares`.
+    /// Sum of the squares of the weights in `all`.
     pub all_squares: DVec4,
-    /// All weights over the irradiance: 1 in the mean. Those of a plane are all open.
+    /// Sum of all weights over the irradiance, 1 on average; equals `all` for a plane.
     pub drawn: DVec4,
-    /// Draws that were visible, and draws. Those below the surface or without light are not counted.
+    /// Number of visible draws. Draws below the surface or without light are not counted.
     pub seen: u64,
-    /// See `seen`.
+    /// Number of draws that the catcher does not block, counted as for `seen`.
     pub draws: u64,
-    /// Light that comes from the object, over the irradiance.
+    /// Sum of the light that the object reflects to the catcher, over the irradiance.
     pub thrown_back: DVec3,
 }
 
 /// The sums of all pixels, row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {
-    /// Pixels in a row.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
     /// Samples per pixel so far.
     pub spp: u32,
-    /// Of the catcher.
+    /// Sums of the catcher.
     pub catcher: Vec<CatcherSums>,
-    /// Camera rays that hit the object, and the radiance that they found.
+    /// Camera rays that hit the object, and the sum of their radiance.
     pub object: Vec<(u32, DVec3)>,
     /// Shadow rays of the mask.
     pub mask_rays: u64,
@@ -47,7 +48,7 @@ pub struct Film {
 }
 
 impl Film {
-    /// A film without samples.
+    /// Creates a film without samples.
     pub fn new(width: usize, height: usize) -> Self {
         let pixels = width * height;
         Self {

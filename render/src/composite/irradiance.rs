@@ -7,29 +7,30 @@ use rayon::prelude::*;
 
 use crate::environment::Environment;
 
-/// The most blocks of cells that moments are kept of.
+/// Maximum number of blocks whose moments are stored.
 const MOST_BLOCKS: usize = 1 << 17;
 
-/// Places of the two-point Gauss rule in a cell, which is exact for cubic functions.
+/// Nodes of the two-point Gauss rule in a cell, which is exact for cubic polynomials.
 const GAUSS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 /// The irradiance of a map, `E(n) = integral L(w) max(0, n . w) dw` per channel, in W/m^2.
 ///
-/// The cosine is linear in the direction where it is not clamped. A block of the map that is above the horizon of `n` therefore adds
-/// `n . integral L(w) w dw`, whatever `n` is, and one below it nothing; only along the horizon is the map itself looked at. Light
-/// is the bilinear lookup of [`Environment`], so that this is what estimators converge to: cells are integrated by Gauss's rule of 2 x 2
-/// points, whose error is of the fourth order in the cell's size, and of the second in the cells that the horizon crosses, where the cosine
-/// is small.
+/// The cosine is linear in the direction where it is not clamped. A block of the map above the horizon of `n`
+/// therefore adds `n . integral L(w) w dw`, with an integral that does not depend on `n`, and a block below
+/// it adds nothing; only blocks on the horizon need the map itself. Radiance is the bilinear lookup of
+/// [`Environment`], to which estimators converge. Cells are integrated by a 2 x 2 Gauss rule, whose error is
+/// of fourth order in the cell's size, and of second order in cells on the horizon, where the cosine is
+/// small.
 ///
-/// Nine coefficients of spherical harmonics (Ramamoorthi and Hanrahan 2001) are smaller and not exact: what they leave out is up to a tenth
-/// under a hard sun, and would be the bias of a mask.
+/// Nine spherical-harmonics coefficients (Ramamoorthi and Hanrahan 2001) are smaller but not exact: their
+/// error reaches 10 % under a hard sun and would bias masks.
 pub struct Irradiance<'a> {
     environment: &'a Environment,
     /// Sine and cosine of the azimuths and of the elevations of the Gauss points.
     angles: [Vec<(f64, f64)>; 2],
-    /// Columns and rows of cells along an edge of a block.
+    /// Cells along each edge of a block.
     side: usize,
-    /// Blocks, from the finest level to a single one.
+    /// Levels of blocks, from the finest to a single block.
     levels: Vec<Level>,
 }
 
@@ -42,21 +43,21 @@ struct Level {
 /// A rectangle of the map.
 #[derive(Clone, Copy)]
 struct Block {
-    /// The integral of radiance times direction, for each channel.
+    /// Integral of radiance times direction, per channel.
     moments: [DVec3; 3],
-    /// A direction, and the largest angle of the block's directions to it.
+    /// A central direction; `radius` is the largest angle of the block's directions to it.
     middle: DVec3,
     radius: f64,
 }
 
-/// Radiance times solid angle, and its direction.
+/// The radiance times solid angle of a Gauss point, and its direction.
 struct Part {
     energy: DVec3,
     direction: DVec3,
 }
 
 impl<'a> Irradiance<'a> {
-    /// Sums up a map.
+    /// Precomputes the moments of a map.
     pub fn new(environment: &'a Environment) -> Self {
         let (width, height) = (environment.width(), environment.height() - 1);
         let mut side = 1;
@@ -77,13 +78,14 @@ impl<'a> Irradiance<'a> {
         irradiance
     }
 
-    /// The irradiance per channel of a surface with the unit normal `n`.
+    /// Returns the irradiance per channel of a surface with the unit normal `n`.
     pub fn at(&self, n: Vec3A) -> Vec3A {
         self.to_within(n, 0.0)
     }
 
-    /// The same where blocks of a radius (radians) up to `coarse` are taken as a whole when the horizon crosses them. What that is off by is at most a
-    /// quarter of the radius of the light within the radius from the horizon: 5e-5 of all light under an even sky for 0.01.
+    /// Returns the irradiance as [`Self::at`] does, without refining blocks of radius (radians) up to
+    /// `coarse` on the horizon. The error is at most `coarse / 4` times the light within `coarse` of the
+    /// horizon: for 0.01, 5e-5 of all light under a uniform sky.
     pub fn to_within(&self, n: Vec3A, coarse: f64) -> Vec3A {
         let n = n.as_dvec3().normalize();
         let top = self.levels.len() - 1;
@@ -130,14 +132,14 @@ impl<'a> Irradiance<'a> {
         let (right, bottom) = ((left + self.side).min(width), (top + self.side).min(height));
         let at = |i: f64, j: f64| direction((i + 0.5) / width as f64, j / height as f64);
         let middle = at(0.5 * (left + right) as f64, 0.5 * (top + bottom) as f64);
-        // Every direction of a cell is near to one of its corners, by less than half a cell's width and height.
+        // Every direction of a cell is within half its width plus half its height of a corner.
         let cell = 0.5 * (PI / height as f64 + 2.0 * PI / width as f64);
         let corners = (top..=bottom).flat_map(|j| (left..=right).map(move |i| at(i as f64, j as f64)));
         let radius = corners.map(|corner| middle.angle_between(corner)).fold(0.0, f64::max) + cell;
         Block { moments, middle, radius }
     }
 
-    /// The Gauss points of the cells of a block.
+    /// Visits the Gauss points of the cells of a block.
     fn parts(&self, column: usize, row: usize, mut each: impl FnMut(Part)) {
         let (width, height) = (self.environment.width(), self.environment.height() - 1);
         let (left, top) = (column * self.side, row * self.side);
@@ -159,7 +161,7 @@ impl<'a> Irradiance<'a> {
 }
 
 impl Level {
-    /// The level of twice the block size; `None` for a single block.
+    /// Returns the level of twice the block size; `None` for a single block.
     fn halved(&self) -> Option<Self> {
         if self.blocks.len() == 1 {
             return None;
@@ -185,7 +187,7 @@ impl Level {
     }
 }
 
-/// The direction of a point of the lat-long square, in f64; see [`crate::latlong`].
+/// Returns the direction of a point of the lat-long square, in f64; see [`crate::latlong`].
 fn direction(u: f64, v: f64) -> DVec3 {
     let ((sin_phi, cos_phi), (sin_theta, cos_theta)) = ((2.0 * PI * u).sin_cos(), (PI * v).sin_cos());
     DVec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta)
@@ -200,8 +202,8 @@ mod tests {
         random::{Purpose, Stream},
     };
 
-    /// The integral by midpoints, each cell in 4 x 4 parts: an independent sum of the same function, off by (h / 4)^2 / 24 of it, 1e-6 for
-    /// cells of 0.02 rad, and in the cells of the horizon by no more.
+    /// Integrates the same function by midpoints, 4 x 4 per cell of width h. The relative error is
+    /// `(h / 4)^2 / 24`, 1e-6 for cells of 0.02 rad, also in cells on the horizon.
     fn by_midpoints(environment: &Environment, n: Vec3A) -> DVec3 {
         let (width, height) = (4 * environment.width(), 4 * (environment.height() - 1));
         let n = n.as_dvec3();
@@ -227,7 +229,7 @@ mod tests {
             let irradiance = Irradiance::new(&map);
             for n in [Vec3A::Y, Vec3A::NEG_Y, Vec3A::X, Vec3A::new(0.6, -0.3, 0.2)] {
                 let found = irradiance.at(n.normalize()).as_dvec3() / PI;
-                // The error of the cells along the horizon, of second order in their size; the largest value is 2.
+                // Error of the cells on the horizon, of second order in their size; the largest value is 2.
                 let tolerance = 0.1 * (2.0 * PI / width as f64).powi(2);
                 assert!((found - DVec3::new(1.0, 2.0, 0.5)).abs().max_element() < tolerance, "{width}: {found}");
             }
@@ -235,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_the_integral_for_any_normal() {
+    fn irradiance_matches_midpoint_integration_for_any_normal() {
         let mut random = Stream::new(7, Purpose::Test, 0);
         for name in ["studio", "sunset"] {
             let map = built_in(name).unwrap();

@@ -1,4 +1,4 @@
-//! The layers of a composite: what is put over the photograph, and what that is multiplied by.
+//! The layers of a composite over the photograph.
 
 use glam::Vec3A;
 
@@ -11,20 +11,21 @@ use crate::{
 /// Layers over a photograph, all in its units: `composite = object + (1 - alpha) (photograph x shadow + light)`.
 #[derive(Clone, Debug)]
 pub struct Layers {
-    /// The object, multiplied by its alpha.
+    /// The object, premultiplied by its alpha.
     pub object: Image,
-    /// `[height * width]` share of each pixel that the object covers.
+    /// Fraction of each pixel that the object covers, `[height * width]`.
     pub alpha: Vec<f32>,
-    /// What the photograph is multiplied by where it is seen; 1 where nothing falls on it.
+    /// Factor of the visible photograph; 1 where no shadow falls.
     pub shadow: Image,
-    /// Light that the object throws back onto what the photograph shows.
+    /// Light that the object reflects onto the photographed surface.
     pub light: Image,
     /// The photograph.
     pub photograph: Image,
 }
 
 impl Layers {
-    /// The layers of a film and its mask; the photograph has the film's size, and its values times `gain`, per channel, are radiance of the map.
+    /// Builds the layers from a film and its mask. The photograph must have the film's size; its values times
+    /// `gain`, per channel, are radiance in the map's units.
     pub fn new(film: &Film, mask: &Mask, photograph: &Photograph, gain: Vec3A, in_color: bool) -> Self {
         let (width, height, spp) = (film.width, film.height, f64::from(film.spp.max(1)));
         let black = || Image::black(width, height);
@@ -52,7 +53,7 @@ impl Layers {
         layers
     }
 
-    /// The layers put together.
+    /// Combines the layers into the composite.
     pub fn composite(&self) -> Image {
         let pixel = |index: usize| {
             let [object, shadow, light, behind] = [&self.object, &self.shadow, &self.light, &self.photograph]
@@ -62,7 +63,8 @@ impl Layers {
         Image { pixels: (0..self.alpha.len()).map(pixel).collect(), ..self.object }
     }
 
-    /// An OpenEXR file with the composite as R, G, B and the layers `object` (with A), `shadow`, `light` and `photograph`.
+    /// Encodes an OpenEXR file with the composite as R, G, B and the layers `object` (with A), `shadow`,
+    /// `light` and `photograph`.
     ///
     /// # Errors
     /// See [`encode_layered_exr`].

@@ -1,4 +1,4 @@
-//! What can be made of samples on a catcher: forms of the mask.
+//! The shadow mask, and the forms in which samples on a catcher estimate it.
 
 use std::{fmt, str::FromStr};
 
@@ -7,22 +7,28 @@ use glam::DVec4;
 use super::film::{CatcherSums, Film};
 use crate::error::{Error, Result};
 
-/// How the mask of a pixel is estimated. With `w = L cos / p` of a sample, per channel, and `E` the exact irradiance of the surface's normal. Where a
-/// catcher shadows itself, the mask is what the object leaves over of the rest: `V` is then the visibility among the samples that the catcher
-/// does not block itself, and a mean of `w V` is that of all `w` times the ratio `sum(w V) / sum(w)` of these. That is biased only as far as
-/// the share that the catcher blocks varies, of the order of one over the samples; where it blocks nothing, not at all.
+/// The estimator of a pixel's mask.
+///
+/// `w = L cos / p` is the weight of a sample, per channel, and `E` the exact irradiance for the surface's
+/// normal. Where a catcher shadows itself, the mask is relative to the light that the catcher does not block:
+/// `V` is then the visibility of the samples that it does not block, and the mean of `w V` is the mean of all
+/// `w` times the ratio `sum(w V) / sum(w)` of these samples. The bias, of the order of one over the number of
+/// samples, comes only from variation of the blocked fraction; it is 0 where the catcher blocks nothing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MaskForm {
-    /// The paper's: the share of samples that are visible, the same for all channels. It converges to the mean visibility under the sampler's own
-    /// density, which is the mask only where that is the product of luminance and cosine.
+    /// The paper's form: the fraction of visible samples, equal for all channels. It converges to the mean
+    /// visibility under the sampler's density, which is the mask only if that density is proportional to the
+    /// product of luminance and cosine.
     Paper,
-    /// `mean(w V) / E`: unbiased, and noisy where nothing casts a shadow, unless the sampler is exact.
+    /// `mean(w V) / E`: unbiased, but noisy in unshadowed pixels unless the sampler is exact.
     Weights,
-    /// `sum(w V) / sum(w)`: 1 where nothing casts a shadow, with a bias of the order of one over the samples of the pixel.
+    /// `sum(w V) / sum(w)`: exactly 1 in unshadowed pixels, with a bias of the order of one over the samples
+    /// of the pixel.
     Ratio,
-    /// `mean(w V) / E + b (1 - mean(w) / E)`, the weights as a control variate whose mean is known: unbiased for any `b` that does not depend on
-    /// these samples. It is the slope of `w V` over `w` in the pixels around, whose random numbers are independent, so that what a sampler's weights
-    /// vary by cancels in the light and in the shadow, also where they are large because the sampler expects a shadow.
+    /// `mean(w V) / E + b (1 - mean(w) / E)`, with the weights as a control variate of known mean: unbiased
+    /// for any `b` that does not depend on these samples. `b` is the slope of `w V` over `w` in the
+    /// surrounding pixels, whose random numbers are independent. The variation of a sampler's weights thus
+    /// cancels in light and in shadow, also where weights are large because the sampler expects a shadow.
     #[default]
     ControlVariate,
 }
@@ -56,24 +62,25 @@ impl FromStr for MaskForm {
     }
 }
 
-/// A mask per channel.
+/// A shadow mask per channel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mask {
-    /// Pixels in a row.
+    /// Number of columns.
     pub width: usize,
-    /// `[height * width]` share of the irradiance that is left: red, green, blue, luminance. 1 where there is no catcher. Unbiased forms are
-    /// not cut off: noise goes a little below 0 and above 1.
+    /// Remaining fraction of the irradiance, `[height * width]`: red, green, blue, luminance. 1 where there
+    /// is no catcher. Unbiased forms are not clamped: noise may go slightly below 0 and above 1.
     pub values: Vec<[f32; 4]>,
 }
 
-/// The pixels around one that give its control variate its factor.
+/// Radius in pixels of the neighbourhood that determines the factor of a control variate.
 const REACH: i32 = 2;
-/// What is added to the variance of weights, over their mean square: where they vary by less than its root, 22 %, the slope of so few samples is mostly
-/// noise, and the ratio takes its place. Masks have the same noise to half a per cent from 0.05 to 0.2.
+/// Regularisation of the slope: this multiple of the squared mean weight is added to the variance. Where
+/// weights vary by less than its root, 22 %, the slope of few samples is mostly noise and is replaced by the
+/// ratio. Values from 0.05 to 0.2 change the noise of masks by at most 0.5 %.
 const SHRINKAGE: f64 = 0.05;
 
 impl Mask {
-    /// The mask in a form.
+    /// Estimates the mask in a form.
     pub fn of(film: &Film, form: MaskForm) -> Self {
         let pixel = |index: usize| {
             let own = &film.catcher[index];
@@ -95,13 +102,14 @@ impl Mask {
         Self { width: film.width, values: (0..film.catcher.len()).map(pixel).collect() }
     }
 
-    /// The same with the mask of luminance in all channels.
+    /// Returns the mask with that of luminance in all channels.
     #[must_use]
     pub fn grey(&self) -> Self {
         Self { values: self.values.iter().map(|value| [value[3]; 4]).collect(), ..*self }
     }
 
-    /// The quotient of the sums of a pass with the object and of one without it, both of the same camera: two passes.
+    /// Computes the mask from two passes of the same camera, with and without the object, as the quotient of
+    /// their sums.
     pub fn of_two(with: &Film, without: &Film) -> Self {
         let quotient = |(a, b): (&CatcherSums, &CatcherSums)| {
             if a.hits == 0 || b.hits == 0 {
@@ -113,18 +121,19 @@ impl Mask {
     }
 }
 
-/// 1 where there is no light that could be shadowed.
+/// Returns `visible / all`; 1 where no light could be shadowed.
 fn ratio(visible: DVec4, all: DVec4) -> DVec4 {
     ratio_or(visible, all, DVec4::ONE)
 }
 
-/// Something else where there is no light that could be shadowed.
+/// Returns `visible / all`; `otherwise` where no light could be shadowed.
 fn ratio_or(visible: DVec4, all: DVec4, otherwise: DVec4) -> DVec4 {
     DVec4::select(all.cmpgt(DVec4::ZERO), visible / all, otherwise)
 }
 
-/// The slope of visible weights over all weights in the samples of the pixels around one, which leaves the least variance, drawn towards their ratio where
-/// the weights hardly vary. 1 where all is visible, and 0 where nothing is.
+/// Returns the slope of visible weights over all weights in the surrounding pixels, which minimises the
+/// variance, shrunk towards their ratio where weights hardly vary. It is 1 where everything is visible, and 0
+/// where nothing is.
 fn factor(film: &Film, index: usize) -> DVec4 {
     let (x, y) = ((index % film.width) as i32, (index / film.width) as i32);
     let mut around = CatcherSums::default();
@@ -186,9 +195,9 @@ mod tests {
         assert_eq!(Mask::of(&film, MaskForm::Weights).values[4], [1.75; 4]);
     }
 
-    /// Half of a pixel's light the catcher takes itself, of the rest the object takes half: the mask is one half, whatever the weights.
+    /// The catcher blocks half of a pixel's light, the object half of the rest: the mask is one half.
     #[test]
-    fn what_the_catcher_blocks_itself_is_not_in_the_mask() {
+    fn self_shadowing_of_the_catcher_is_not_in_the_mask() {
         let [visible, all, drawn] = [1.0, 2.0, 4.0].map(DVec4::splat);
         let film = film(CatcherSums { hits: 4, visible, all, drawn, seen: 1, draws: 2, ..CatcherSums::default() });
         for form in MaskForm::ALL {
@@ -196,10 +205,10 @@ mod tests {
         }
     }
 
-    /// Two samples in each pixel, of weights `1 - spread` and `1 + spread`, of which the second is visible. The slope is `(1 + spread) / (2 spread)`, the ratio
-    /// `(1 + spread) / 2`.
+    /// Two samples per pixel, of weights `1 - spread` and `1 + spread`; the second is visible. The slope is
+    /// `(1 + spread) / (2 spread)`, the ratio `(1 + spread) / 2`.
     #[test]
-    fn factors_are_slopes_of_weights_that_vary_and_ratios_of_others() {
+    fn factors_are_slopes_for_varying_weights_and_ratios_for_constant_weights() {
         let factor_of = |spread: f64| {
             let [low, high] = [1.0 - spread, 1.0 + spread];
             let [visible, all, visible_squares, all_squares] =
@@ -212,7 +221,8 @@ mod tests {
         {
             let (slope, ratio) = ((1.0 + spread) / (2.0 * spread), (1.0 + spread) / 2.0);
             let expected = weight_of_slope * slope + (1.0 - weight_of_slope) * ratio;
-            // Of the smallest spread the slope's part is 1e-18 / 0.05 times 5e8, 1e-8; rounding of squares near 1 leaves 1e-14.
+            // For the smallest spread, the slope contributes 1e-18 / 0.05 times 5e8, 1e-8; rounding of
+            // squares near 1 leaves 1e-14.
             assert!((factor_of(spread) - expected).abs() < 1e-7, "{spread}: {} not {expected}", factor_of(spread));
         }
     }

@@ -23,11 +23,11 @@ use crate::{
 /// Samples per pixel and pass.
 const PASS: u32 = 8;
 
-/// Sums up all samples, or those of the passes until `stop` is set (at least one pass). `progress` is called after every pass with the share that is
-/// done. The same settings give the same film on any number of threads.
+/// Sums all samples, or those of the passes until `stop` is set (at least one pass). `progress` receives the
+/// completed fraction after every pass. Equal settings give equal films on any number of threads.
 ///
-/// An estimator that learns does so before, from one point in 64 of as many samples, whose points no film has: what it draws with does not depend on
-/// the samples that are weighed, and the mask stays unbiased.
+/// Estimators with a trainer train first, on 1/64 as many samples from separate points: the sampling density
+/// does not depend on the film's samples, and the mask stays unbiased.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].
@@ -65,7 +65,8 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     film
 }
 
-/// The estimator with the visibility of the stage, learned from samples that are discarded.
+/// Trains the estimator on the visibility of the stage, with samples that are discarded; `None` if it has no
+/// trainer.
 fn learn<'a>(
     composition: Composition<'a>,
     settings: Settings,
@@ -87,7 +88,7 @@ fn learn<'a>(
     Some(trainer)
 }
 
-/// What tiles are sampled with.
+/// The parameters for sampling tiles.
 #[derive(Clone, Copy)]
 struct Run<'a> {
     composition: Composition<'a>,

@@ -1,4 +1,5 @@
-//! One sample of each pixel of a tile: camera rays, the mask, light on the object, and light between object and catcher.
+//! One sample of each pixel of a tile: camera rays, the mask, light on the object, and light between object
+//! and catcher.
 
 use glam::{DVec3, DVec4, Vec3, Vec3A};
 
@@ -37,7 +38,7 @@ pub(super) struct Sums {
 }
 
 impl Pixels {
-    /// Those of a picture whose key is chosen.
+    /// Divides a picture into tiles of the pixels whose keys are chosen.
     pub fn tiles(width: usize, height: usize, is_chosen: impl Fn(u32) -> bool) -> Vec<Self> {
         let corners = (0..height).step_by(TILE).flat_map(|top| (0..width).step_by(TILE).map(move |left| (left, top)));
         let tile = |(left, top): (usize, usize)| {
@@ -50,12 +51,12 @@ impl Pixels {
     }
 }
 
-/// What light that is found belongs to.
+/// The sum to which the light of a path is added.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Goal {
-    /// The object in this pixel.
+    /// Light on the object in this pixel.
     Object,
-    /// What the object throws back onto the catcher in this pixel.
+    /// Light that the object reflects onto the catcher in this pixel.
     ThrownBack,
 }
 
@@ -64,7 +65,7 @@ enum Goal {
 struct Path {
     pixel: usize,
     goal: Goal,
-    /// Whether its last surface is the catcher.
+    /// Whether the last surface is the catcher.
     from_catcher: bool,
     throughput: Vec3A,
 }
@@ -83,7 +84,7 @@ impl Front {
     }
 }
 
-/// What a thread works with, kept from tile to tile.
+/// Buffers of one thread, reused from tile to tile.
 #[derive(Default)]
 pub(super) struct Workspace {
     arena: Arena,
@@ -92,7 +93,7 @@ pub(super) struct Workspace {
     contributions: Contributions,
     rays: Vec<Ray>,
     visible: Vec<bool>,
-    /// Which contributions to the catcher it does not block itself.
+    /// Whether each contribution to the catcher is unblocked by the catcher.
     open: Vec<bool>,
 }
 
@@ -100,7 +101,7 @@ pub(super) struct Workspace {
 pub(super) struct Worker<'a> {
     pub composition: Composition<'a>,
     pub settings: Settings,
-    /// Who is told what was visible.
+    /// Receives the visibility of contributions.
     pub trainer: Option<&'a dyn VisibilityTrainer>,
     pub points: Points,
     pub workspace: &'a mut Workspace,
@@ -126,7 +127,7 @@ impl Worker<'_> {
         }
     }
 
-    /// One ray through each pixel.
+    /// Traces one camera ray per pixel.
     fn trace_camera(&mut self) {
         let Self { composition, settings, points, workspace, pixels, .. } = self;
         let mut rays = Vec::new();
@@ -147,7 +148,8 @@ impl Worker<'_> {
         }
     }
 
-    /// Fills both fronts with what rays hit. Light between points of the catcher is in the photograph: it is left out.
+    /// Fills both fronts with the hits of rays. Light between points of the catcher is omitted, since the
+    /// photograph contains it.
     fn meet(&mut self, rays: &[Ray], spread: f32, keys: &[u32], paths: &[Path]) {
         let Self { composition, settings, workspace, .. } = self;
         let stage = composition.stage;
@@ -171,7 +173,7 @@ impl Worker<'_> {
         }
     }
 
-    /// The weights of the catcher that the camera sees.
+    /// Adds the weights of the catcher points that the camera sees.
     fn mask(&mut self) {
         self.propose(Which::Catcher);
         self.test_shadow();
@@ -199,7 +201,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Which of the contributions to the catcher the object lets through, and which of them are open without it.
+    /// Finds the contributions to the catcher that are visible, and those that are open without the object.
     fn test_shadow(&mut self) {
         let Self { composition, settings, workspace, .. } = self;
         let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
@@ -215,7 +217,7 @@ impl Worker<'_> {
         if !settings.without_object {
             stage.object.visible_batch(rays, visible);
         }
-        // Below the horizon a map shows the ground, which is near: nothing casts a shadow upwards.
+        // Below the horizon, a map shows nearby ground: nothing casts a shadow upwards.
         for ((visible, open), wi) in visible.iter_mut().zip(&*open).zip(contributions.wi()) {
             *visible = (*visible || wi.y <= 0.0) && *open;
         }
@@ -230,7 +232,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Tells who learns what was visible of the contributions.
+    /// Passes the visibility of the contributions to the trainer.
     fn tell(&self, which: Which) {
         let Workspace { object, catcher, contributions, visible, .. } = &*self.workspace;
         let front = if which == Which::Object { object } else { catcher };
@@ -241,7 +243,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Light of the map on the object.
+    /// Adds the light of the map on the object.
     fn light_object(&mut self) {
         self.propose(Which::Object);
         let Self { composition, workspace, pixels, .. } = self;
@@ -261,7 +263,7 @@ impl Worker<'_> {
         }
     }
 
-    /// What the catcher sends to the object: the photograph, less what the object shadows of it.
+    /// Adds light from the catcher to the object: the photograph, minus the part that the object shadows.
     fn light_catcher(&mut self) {
         self.propose(Which::Catcher);
         self.test_shadow();
@@ -280,7 +282,7 @@ impl Worker<'_> {
         }
     }
 
-    /// Paths go on by BRDF sampling.
+    /// Continues paths by BRDF sampling.
     fn continue_paths(&mut self, bounce: u32) {
         let mut next = Bounced::default();
         for which in [Which::Object, Which::Catcher] {
@@ -302,9 +304,9 @@ impl Worker<'_> {
             if which == Which::Catcher {
                 let point = front.tile.point(place);
                 reflected *= match (path.goal, number) {
-                    // pi over the irradiance, without the albedo: the pixel is multiplied by the photograph in the end.
+                    // pi over the irradiance, without the albedo: `Layers` multiplies by the photograph.
                     (Goal::ThrownBack, 1) => std::f32::consts::PI * backdrop.inverse_irradiance(point.ns),
-                    // A lamp in the photograph does not reflect more than it receives.
+                    // Photographed lamps must not reflect more than they receive.
                     _ => backdrop.albedo(point.p, point.ns).min(Vec3A::ONE),
                 };
             }
@@ -319,7 +321,7 @@ impl Worker<'_> {
     }
 }
 
-/// Rays that paths go on along.
+/// Rays that continue paths.
 #[derive(Default)]
 struct Bounced {
     rays: Vec<Ray>,
@@ -333,7 +335,7 @@ enum Which {
     Catcher,
 }
 
-/// Adds light that arrives over a path.
+/// Adds light that arrives along a path.
 fn add(pixels: &mut Pixels, path: &Path, radiance: Vec3A) {
     let light = (path.throughput * radiance).as_dvec3();
     let sums = &mut pixels.sums[path.pixel];
@@ -343,7 +345,8 @@ fn add(pixels: &mut Pixels, path: &Path, radiance: Vec3A) {
     }
 }
 
-/// What a white surface reflects, over what it would reflect unshadowed: per channel, and of luminance in the units of the photograph.
+/// Returns the light that a white surface reflects relative to the unshadowed surface, per channel and for
+/// luminance in the units of the photograph.
 fn relative(radiance: Vec3A, backdrop: &Backdrop<'_>, n: Vec3A) -> DVec4 {
     let arriving = std::f32::consts::PI * radiance;
     let [own, all] = [arriving, backdrop.irradiance(n)].map(|light| f64::from(luminance(backdrop.seen(light))));

@@ -1,4 +1,4 @@
-//! The sources that ship with the project, by name.
+//! The project's reference materials, by name.
 
 use std::str::FromStr;
 
@@ -17,21 +17,21 @@ pub enum SourceKind {
     Welt,
     /// A satin of metallic threads.
     Satin,
-    /// A velvet whose pile was pressed down, glossy.
+    /// A glossy velvet with flattened pile.
     Velvet,
     /// A plain knit of wool.
     Jersey,
-    /// A clear coat of changing roughness over a diffuse pattern.
+    /// A clear coat of varying roughness over a diffuse pattern.
     Lacquer,
     /// A tinted rough coat over brushed metal.
     Anodized,
 }
 
 impl SourceKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 6] = [Self::Welt, Self::Satin, Self::Velvet, Self::Jersey, Self::Lacquer, Self::Anodized];
 
-    /// Its name.
+    /// Returns the name that [`FromStr`] parses.
     pub fn name(self) -> &'static str {
         match self {
             Self::Welt => "welt",
@@ -71,7 +71,7 @@ impl SourceKind {
         Fabric::new(self.name(), meshes, colors)
     }
 
-    /// Materials of the fibres; the last is the lining's.
+    /// Returns the materials of the fibres, the lining's last.
     fn fibres(self) -> Vec<Material> {
         match self {
             Self::Welt => vec![
@@ -106,7 +106,7 @@ fn lining(albedo: [f32; 3]) -> Material {
     Material::diffuse(Vec3A::from_array(albedo))
 }
 
-/// The lining at z = 0, wide enough for every ray that comes in through the tile in the middle.
+/// Builds the lining at z = 0, wide enough for every ray that enters through the central tile.
 pub(super) fn lining_mesh(material: usize) -> Result<Mesh> {
     const HALF: f32 = 3.0;
     let corner = |x: f32, y: f32| (Vec2::splat(0.5) + HALF * Vec2::new(x, y)).extend(0.0);

@@ -6,35 +6,36 @@ use glam::{Vec2, Vec3};
 
 use super::yarn::{Section, Strands, irregular};
 
-/// Pieces of a loop, and around the yarn.
+/// Segments along a loop and around the yarn.
 const STEPS: [usize; 2] = [36, 14];
 
-/// A plain knit of one yarn, seen from the side of its legs.
+/// A plain knit of one yarn, with the legs of the loops on the visible side.
 ///
-/// A course is the curve `(t / TAU + overhang sin 2t, height cos t, -depth cos 2t)`, one loop for a turn of `t`: heads (t = 0) and feet (t = pi) lie at the back,
-/// legs in front. Where a leg crosses the foot of the course above, and the head of its own course a leg of that one, the leg is the nearer of the two.
+/// A course is the curve `(t / TAU + overhang sin 2t, height cos t, -depth cos 2t)` with one loop per
+/// turn of `t`: heads (t = 0) and feet (t = pi) lie at the back, legs in front. Legs cross the feet of
+/// the course above and the heads of the course below, in front of both.
 pub struct Knit {
-    /// Loops along u and courses along v, in a tile.
+    /// Loops along u and courses along v per tile.
     pub loops: [usize; 2],
-    /// By how much a loop is wider than its neck, as a part of a loop's width.
+    /// How much wider a loop is than its neck, as a fraction of the loop's width.
     pub overhang: f32,
-    /// Half of a loop's height, in courses.
+    /// Half the height of a loop, in courses.
     pub height: f32,
-    /// Half of what legs lie in front of heads, and the height of the middle between them, in tiles.
+    /// Half the distance between legs and heads along z, in tiles; `middle` is the mean height of both.
     pub depth: f32,
     pub middle: f32,
     pub section: Section,
 }
 
 impl Knit {
-    /// Adds the courses of a tile to the strands.
+    /// Adds the courses of one tile to `strands`.
     pub fn build(&self, strands: &mut Strands) {
         let [wales, courses] = self.loops;
         let (wide, high) = (1.0 / wales as f32, 1.0 / courses as f32);
         for course in 0..courses {
             let y = (course as f32 + 0.5) * high;
             let phase = TAU * irregular(course, 3);
-            // No two loops are pulled alike.
+            // Perturbs each loop differently.
             let uneven = |s: f32| 0.04 * high * ((TAU * s + phase).sin() + (TAU * 2.0 * s + 2.0 * phase).cos());
             let path = |s: f32| {
                 let t = TAU * wales as f32 * s;
@@ -47,7 +48,7 @@ impl Knit {
     }
 }
 
-/// A jersey of woollen yarn of three plies.
+/// Returns a jersey of three-ply woollen yarn.
 pub fn jersey() -> Knit {
     Knit {
         loops: [5, 7],
@@ -63,7 +64,7 @@ pub fn jersey() -> Knit {
 mod tests {
     use super::*;
 
-    /// The middle of the yarn of a course at a place in turns.
+    /// Returns the yarn's centre line of a course after `turn` loops.
     fn middle(knit: &Knit, turn: f32, course: f32) -> Vec3 {
         let [wales, courses] = knit.loops.map(|count| count as f32);
         let t = TAU * turn;
@@ -75,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn courses_hold_each_other_and_do_not_meet() {
+    fn courses_interlock_without_intersecting() {
         let knit = jersey();
         const STEPS: usize = 1500;
         let place = |k: usize| k as f32 / STEPS as f32;
@@ -90,9 +91,10 @@ mod tests {
                 }
             }
         }
-        // Yarns are pressed where they touch, by less than a fifth.
+        // Touching yarns interpenetrate by less than 20 % of their thickness.
         assert!(nearest > 0.8 * thickness, "{nearest} {thickness}");
-        // From head to head: the head is behind the legs that come out of it, both legs are in front of the feet beside them.
+        // From head to head: the head lies behind the legs of the loop through it, and both legs lie in
+        // front of the adjacent feet.
         crossings.sort_by(|a, b| a.0.total_cmp(&b.0));
         crossings.dedup_by(|a, b| a.1 == b.1);
         assert_eq!(

@@ -1,8 +1,9 @@
-//! Layered materials: a rough dielectric coat that absorbs, over a diffuse or metallic base.
+//! Layered materials: an absorbing rough dielectric coat over a diffuse or metallic base.
 //!
-//! Position-free light paths (Guo et al. 2018, "Position-Free Monte Carlo Simulation for Arbitrary Layered BSDFs") without a scattering
-//! medium: a path enters through the coat, is reflected by base and coat in turn, and at each visit of the coat from below is joined with the
-//! light. Squares of the refractive index, by which radiance changes on the way in and back on the way out, cancel and are left out.
+//! Position-free light paths (Guo et al. 2018, "Position-Free Monte Carlo Simulation for Arbitrary
+//! Layered BSDFs") without a scattering medium: a path enters through the coat, is reflected by base and
+//! coat in turn, and is connected to the light wherever it reaches the coat from below. The squared
+//! refractive indices that scale radiance on entry and exit cancel and are omitted.
 
 use std::f32::consts::{PI, TAU};
 
@@ -17,9 +18,11 @@ use crate::{
 
 /// Refractive index of the coat.
 const ETA: f32 = 1.5;
-/// From this visit of the base on, paths end at random; the largest chance to go on; no path is longer.
+/// Index of the first bounce off the base with Russian roulette.
 const ROULETTE_FROM: u32 = 3;
+/// Maximum survival probability of Russian roulette.
 const MOST_SURVIVAL: f32 = 0.95;
+/// Maximum bounces off the base.
 const MOST_BOUNCES: u32 = 200;
 /// Queries that share a random stream.
 const CHUNK: usize = 256;
@@ -29,13 +32,13 @@ const CHUNK: usize = 256;
 pub struct Layers {
     /// Trowbridge-Reitz width of the coat.
     pub coat_alpha: f32,
-    /// What the coat absorbs per channel on the way straight through.
+    /// Optical depth of the coat at normal incidence, per channel.
     pub absorption: Vec3,
-    /// What is below it.
+    /// The surface below the coat.
     pub base: Base,
 }
 
-/// What is below the coat.
+/// The surface below a coat.
 #[derive(Clone, Copy, Debug)]
 pub enum Base {
     /// A diffuse surface.
@@ -44,16 +47,16 @@ pub enum Base {
     Metal(Ggx),
 }
 
-/// Layers that change over the tile.
+/// Layers that vary over the tile.
 pub struct Layered(fn(Vec2) -> Layers);
 
 impl Layered {
-    /// Layers that are the same everywhere.
+    /// Creates a material from the layers at each point of the tile.
     pub fn of(layers: fn(Vec2) -> Layers) -> Self {
         Self(layers)
     }
 
-    /// A coat, polished in places, over a pattern in two colours.
+    /// Returns a coat of varying roughness over a pattern in two colours.
     pub fn lacquer() -> Self {
         Self(|uv| {
             let waves = (TAU * 2.0 * uv.x).sin() * (TAU * 2.0 * uv.y).cos();
@@ -65,7 +68,7 @@ impl Layered {
         })
     }
 
-    /// A tinted coat over brushed metal.
+    /// Returns a tinted coat over brushed metal.
     pub fn anodized() -> Self {
         Self(|uv| {
             let stripes = 0.5 + 0.5 * (TAU * (3.0 * uv.x + 0.2 * (TAU * uv.y).sin())).sin();
@@ -96,7 +99,7 @@ impl Source for Layered {
 }
 
 impl Layers {
-    /// One light path's estimate of `f_r cos`.
+    /// Estimates `f_r cos` with one light path.
     fn path(&self, wo: Vec3, wi: Vec3, random: &mut Stream) -> Vec3 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return Vec3::ZERO;
@@ -115,7 +118,7 @@ impl Layers {
             }
             throughput *= weight * self.left(up);
             sum += throughput * coat.transmitted(up, wi);
-            // Back down from the coat, as seen from below.
+            // The reflection at the coat's inside, in a frame whose z points down.
             let mirrored = Vec3::new(-up.x, -up.y, up.z);
             let h = coat.visible_normal(mirrored, random.uniform2());
             let back = 2.0 * mirrored.dot(h) * h - mirrored;
@@ -130,20 +133,20 @@ impl Layers {
                 }
                 throughput /= survival;
             }
-            // The half-space below is the mirror image of the one above.
+            // From the mirrored frame to the direction below the coat.
             down = Vec3::new(-back.x, -back.y, -back.z);
         }
         sum
     }
 
-    /// What the coat's absorption leaves on one way through.
+    /// Returns the transmittance of the coat along `w`.
     fn left(&self, w: Vec3) -> Vec3 {
         (-self.absorption / w.z.abs().max(1e-3)).exp()
     }
 }
 
 impl Base {
-    /// A direction drawn for light that leaves towards `wo`, and `f_r cos` over its pdf.
+    /// Samples a direction for `wo` and returns it with `f_r cos / pdf`.
     fn sample(&self, wo: Vec3, u: Vec2) -> (Vec3, Vec3) {
         let of = |(wi, pdf): (Vec3, f32), value: &dyn Fn(Vec3) -> Vec3| {
             (wi, if pdf > 0.0 { value(wi) / pdf } else { Vec3::ZERO })
@@ -167,14 +170,14 @@ impl Coat {
         if h.z > 0.0 { a / (PI * d * d) } else { 0.0 }
     }
 
-    /// Smith's masking of a direction on either side.
+    /// Returns Smith's masking of a direction on either side.
     fn masking(&self, w: Vec3) -> f32 {
         let squared = w.z * w.z;
         let tan = (1.0 - squared).max(0.0) / squared.max(1e-12);
         2.0 / (1.0 + (1.0 + self.alpha * self.alpha * tan).sqrt())
     }
 
-    /// A normal in proportion to what `w` above sees of it.
+    /// Samples a normal in proportion to its area visible from `w`, above the coat.
     fn visible_normal(&self, w: Vec3, u: Vec2) -> Vec3 {
         let v = Vec3::new(self.alpha * w.x, self.alpha * w.y, w.z).normalize();
         // A spherical cap (Dupuy and Benyoub 2023): uniform in height above -v.z.
@@ -185,14 +188,15 @@ impl Coat {
         Vec3::new(self.alpha * cap.x, self.alpha * cap.y, cap.z.max(1e-6)).normalize()
     }
 
-    /// `f_r cos` of the reflection at its outside.
+    /// Returns `f_r cos` of the reflection at the outside.
     fn reflected(&self, wo: Vec3, wi: Vec3) -> f32 {
         let h = (wo + wi).normalize();
         let shared = self.density(h) * self.masking(wo) * self.masking(wi);
         shared * fresnel(wo.dot(h), ETA) / (4.0 * wo.z)
     }
 
-    /// `f_t cos` for light from `wi` outside that goes on against `up` below, without the square of the index.
+    /// Returns `f_t cos`, without the squared index, for light from `wi` outside that arrives from `up` at
+    /// the base.
     fn transmitted(&self, up: Vec3, wi: Vec3) -> f32 {
         let inside = -up;
         let h = -(wi + ETA * inside);
@@ -207,7 +211,7 @@ impl Coat {
     }
 }
 
-/// The direction inside, pointing downwards, that `w` above is refracted to.
+/// Refracts `w`, which points up, at the normal `h` into a direction that points down.
 fn refract(w: Vec3, h: Vec3) -> Option<Vec3> {
     let cos = w.dot(h);
     let squared = 1.0 - (1.0 - cos * cos) / (ETA * ETA);
@@ -215,7 +219,7 @@ fn refract(w: Vec3, h: Vec3) -> Option<Vec3> {
     (cos > 0.0 && inside.z < 0.0).then_some(inside)
 }
 
-/// Fresnel's reflectance of a dielectric at a cosine, for the relative index of the other side; 1 for total reflection.
+/// Returns the Fresnel reflectance of a dielectric with relative index `eta`; 1 for total reflection.
 fn fresnel(cos: f32, eta: f32) -> f32 {
     let cos = cos.clamp(0.0, 1.0);
     let squared = 1.0 - (1.0 - cos * cos) / (eta * eta);

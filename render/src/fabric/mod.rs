@@ -1,16 +1,19 @@
-//! Micro-geometry of cloth, and what it reflects: the ground truth that neural materials are fitted to.
+//! Reflectance of cloth from its micro-geometry, and of layered surfaces: the ground truth that neural
+//! materials are fitted to.
 //!
-//! A fabric is a periodic tile of the unit square of yarns or fibres as triangles, over an opaque lining, so that no light path misses
-//! it. The tile's x and y are the texture coordinates u and v, z is the side that is seen, and all lengths are in tiles. A [`Query`] asks for the bidirectional texture
-//! function: the mean over a Gaussian footprint on the reference plane of `f_r cos`, as path tracing through the yarns finds it.
+//! A fabric is a periodic tile over the unit square: triangulated yarns or fibres over an opaque lining,
+//! so that no light path escapes downwards. The tile's x and y are the texture coordinates u and v, +z is
+//! the visible side, and all lengths are in tiles. A [`Query`] asks for the bidirectional texture
+//! function: the mean of `f_r cos`, path-traced through the yarns, over a Gaussian footprint on the
+//! reference plane.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `kinds.rs` | sources by name |
 //! | `yarn.rs` | yarns and fibres as triangles |
 //! | `weave.rs`, `knit.rs`, `pile.rs` | woven, knitted and pile fabrics |
-//! | `reflect.rs` | light paths through a fabric |
-//! | `layered.rs` | light paths between a coat and a base |
+//! | `reflect.rs` | path tracing of a fabric |
+//! | `layered.rs` | path tracing between a coat and a base |
 
 mod kinds;
 mod knit;
@@ -26,11 +29,11 @@ pub use reflect::{Fabric, MIN_COSINE};
 
 use glam::{Vec2, Vec3};
 
-/// What a bidirectional texture is asked for. Directions are unit vectors that point away from the surface, in its local frame: x
-/// along u, y along v, z along the normal.
+/// The arguments of a bidirectional texture function. Directions are unit vectors that point away from
+/// the surface, in its local frame: x along u, y along v, z along the normal.
 #[derive(Clone, Copy, Debug)]
 pub struct Query {
-    /// The point of the reference plane, in tiles; the tile repeats.
+    /// Point on the reference plane, in tiles, with period 1.
     pub uv: Vec2,
     /// Standard deviation of the Gaussian footprint along u and v, in tiles.
     pub width: f32,
@@ -40,9 +43,9 @@ pub struct Query {
     pub wi: Vec3,
 }
 
-/// Where samples of a bidirectional texture come from.
+/// A source of bidirectional texture samples.
 pub trait Source: Send + Sync {
-    /// An estimate without bias of `f_r max(0, cos)` per channel in 1/sr for each query, the mean of `samples` light paths. Equal seeds
-    /// give equal numbers on any number of threads.
+    /// Returns an unbiased estimate of `f_r max(0, cos)` in 1/sr per query and channel, the mean of
+    /// `samples` light paths. Equal seeds give equal numbers on any number of threads.
     fn reflect(&self, queries: &[Query], samples: u32, seed: u64) -> Vec<Vec3>;
 }

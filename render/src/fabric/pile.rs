@@ -1,4 +1,4 @@
-//! Pile: bent fibres that stand on the lining, as velvet has them.
+//! Pile fabrics such as velvet: bent fibres that stand on the lining.
 
 use std::f32::consts::TAU;
 
@@ -8,13 +8,13 @@ use super::yarn::{Section, Strands, irregular};
 
 /// Tufts along a side of the tile.
 const TUFTS: usize = 36;
-/// Pieces along and around a fibre.
+/// Segments along and around a fibre.
 const STEPS: [usize; 2] = [6, 6];
-/// Height of the pile, and how far its tips are bent over, in tiles.
+/// Height of the pile and horizontal offset ([`BEND`]) of its tips, in tiles.
 const HEIGHT: f32 = 0.085;
 const BEND: f32 = 0.16;
 
-/// Pile that was pressed down: its fibres lie along u more or less, in waves.
+/// Adds flattened pile, whose fibres lean roughly along u, in waves.
 pub fn velvet(strands: &mut Strands) {
     let section = Section::smooth(Vec2::splat(0.016));
     for (i, j) in (0..TUFTS).flat_map(|i| (0..TUFTS).map(move |j| (i, j))) {
@@ -29,7 +29,7 @@ pub fn velvet(strands: &mut Strands) {
             let bent = over * s * s;
             Vec3::new(root.x + bent.x, root.y + bent.y, height * (1.0 - (1.0 - s) * (1.0 - s)))
         };
-        // Thinner towards the tip.
+        // Fibres taper towards the tip.
         strands.sweep(path, &section, |s| 1.0 - 0.75 * s.clamp(0.0, 1.0).powi(3), STEPS);
     }
 }

@@ -1,4 +1,4 @@
-//! What a fabric reflects: light paths through its yarns.
+//! Path tracing of a fabric through its yarns.
 
 use std::f32::consts::TAU;
 
@@ -15,29 +15,29 @@ use crate::{
     tile::Tile,
 };
 
-/// The least cosine of directions that a fabric is asked for: rays that are more grazing may leave the neighbouring tiles before they leave
-/// the yarns.
+/// Smallest cosine of query directions: more grazing rays may leave the neighbouring tiles before they
+/// leave the yarns.
 pub const MIN_COSINE: f32 = 0.14;
 
-/// Light paths that are traced side by side.
+/// Light paths traced per batch.
 const PATHS: usize = 2048;
-/// From this bounce on, paths end at random.
+/// Index of the first bounce with Russian roulette.
 const ROULETTE_FROM: u32 = 2;
-/// The largest chance to go on.
+/// Maximum survival probability of Russian roulette.
 const MOST_SURVIVAL: f32 = 0.95;
-/// No path is longer. With [`MOST_SURVIVAL`] one in 30 000 would be, and it carries nothing to speak of.
+/// Maximum bounces. At [`MOST_SURVIVAL`], 1 in 30 000 paths would be longer, with negligible throughput.
 const MOST_BOUNCES: u32 = 200;
 
 /// A periodic tile of yarns over a lining.
 pub struct Fabric {
     scene: Scene,
-    /// Height of the yarns: where rays start and end.
+    /// Height just above the yarns, where camera rays start.
     top: f32,
     /// Height of the reference plane.
     reference: f32,
 }
 
-/// A light path in the making.
+/// The state of an unfinished light path.
 #[derive(Clone, Copy)]
 struct Path {
     query: usize,
@@ -45,7 +45,8 @@ struct Path {
 }
 
 impl Fabric {
-    /// A fabric of meshes that reach one tile beyond the unit square to all sides, with their materials and the lining's behind them.
+    /// Creates a fabric from meshes that extend one tile beyond the unit square on all sides. `materials`
+    /// are those of the meshes, then the lining's.
     ///
     /// # Errors
     /// As [`Scene::new`].
@@ -54,24 +55,24 @@ impl Fabric {
         let scene = Scene::new(name, meshes, materials, None)?;
         scene.prepare_materials();
         let top = scene.bounds().max.z;
-        // Most of what is seen lies near the top.
+        // Most visible points lie near the top.
         Ok(Self { scene, top: top + 1e-3, reference: 0.8 * top })
     }
 
-    /// The same geometry of one material.
+    /// Replaces all materials with one.
     #[must_use]
     pub fn with_material(self, material: Material) -> Self {
         Self { scene: self.scene.with_material(material), ..self }
     }
 
-    /// The ray from above that meets the reference plane at `at` and comes from `wo`.
+    /// Returns the ray along `-wo`, from above the yarns, that meets the reference plane at `at`.
     fn seen_from(&self, at: Vec2, wo: Vec3) -> Ray {
         let up = (self.top - self.reference) / wo.z;
         let origin = Vec3A::new(at.x + up * wo.x, at.y + up * wo.y, self.top);
         Ray::new(into_tile(origin), -Vec3A::from(wo))
     }
 
-    /// Adds the paths of some queries to `out`.
+    /// Traces `samples` paths per query and adds their contributions to `out`.
     fn trace(&self, queries: &[Query], samples: u32, random: &mut Stream, work: &mut Work, out: &mut [Vec3A]) {
         work.rays.clear();
         work.paths.clear();
@@ -93,7 +94,7 @@ impl Fabric {
         }
     }
 
-    /// Light that comes straight from `wi`.
+    /// Adds the light that reaches the current hits unoccluded from `wi`.
     fn add_direct(&self, queries: &[Query], work: &mut Work, out: &mut [Vec3A]) {
         let Work { arena, tile, paths, hits, visible, shadow_rays, lit, .. } = work;
         let mut columns = arena.columns::<6>(strips(hits.len()));
@@ -124,7 +125,7 @@ impl Fabric {
         }
     }
 
-    /// The next segments of the paths.
+    /// Samples the next segments of the paths.
     fn go_on(&self, bounce: u32, random: &mut Stream, work: &mut Work) {
         let Work { arena, tile, paths, hits, rays, next, .. } = work;
         let at = tile.rows();
@@ -171,7 +172,7 @@ impl Source for Fabric {
     }
 }
 
-/// What a thread works with.
+/// Buffers of one thread.
 #[derive(Default)]
 struct Work {
     arena: Arena,
@@ -185,12 +186,12 @@ struct Work {
     visible: Vec<bool>,
 }
 
-/// The same place of the tile in the middle.
+/// Wraps a point into the central tile.
 fn into_tile(p: Vec3A) -> Vec3A {
     Vec3A::new(p.x - p.x.floor(), p.y - p.y.floor(), p.z)
 }
 
-/// Two normal deviates (Box and Muller 1958).
+/// Returns two normal deviates (Box and Muller 1958).
 fn gaussian(u: Vec2) -> Vec2 {
     (-2.0 * (1.0 - u.x).ln()).sqrt() * Vec2::from_angle(TAU * u.y)
 }

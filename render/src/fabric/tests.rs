@@ -7,14 +7,14 @@ use crate::{
     },
 };
 
-/// Directions uniform in the projected disk above the least cosine.
+/// Samples a direction with cosine above `least`, uniform in the projected disk.
 fn direction(random: &mut Stream, least: f32) -> Vec3 {
     let u = random.uniform2();
     let squared = u.x * (1.0 - least * least);
     (squared.sqrt() * Vec2::from_angle(TAU * u.y)).extend((1.0 - squared).sqrt())
 }
 
-/// Mean and standard error of the mean of `f_r cos` over the density of cosine sampling, which is the albedo, for one view.
+/// Estimates the albedo for one view by cosine sampling; returns mean and standard error.
 fn albedo(source: &dyn Source, wo: Vec3, count: usize) -> (f32, f32) {
     let mut random = Stream::new(5, Purpose::Test, 0);
     let queries: Vec<Query> =
@@ -33,12 +33,12 @@ fn white_fibres_reflect_everything() {
     for (view, wo) in [Vec3::Z, Vec3::new(0.8, 0.0, 0.6)].into_iter().enumerate() {
         let fabric = SourceKind::Satin.fabric().unwrap().with_material(white.clone());
         let (mean, error) = albedo(&fabric, wo, 30_000);
-        // What is lost below the least cosine, where rays leave the neighbouring tiles before they leave the yarns, is some 0.14^2.
+        // About 0.14^2 is lost below `MIN_COSINE`, where rays leave the neighbouring tiles before the yarns.
         assert!((mean - 1.0).abs() < 5.0 * error + 0.02, "view {view}: {mean} +- {error}");
     }
 }
 
-/// Mean and squared standard error of `f_r` between two directions over the tile.
+/// Estimates the mean over the tile of `f_r` between two directions; returns mean and squared standard error.
 fn mean_brdf(source: &dyn Source, wo: Vec3, wi: Vec3, count: usize, seed: u64) -> (f64, f64) {
     let mut random = Stream::new(seed, Purpose::Test, 1);
     let queries: Vec<Query> = (0..count).map(|_| Query { uv: random.uniform2(), width: 0.0, wo, wi }).collect();
@@ -48,7 +48,7 @@ fn mean_brdf(source: &dyn Source, wo: Vec3, wi: Vec3, count: usize, seed: u64) -
 }
 
 #[test]
-fn light_may_run_either_way_through_every_source() {
+fn every_source_is_reciprocal() {
     for kind in SourceKind::ALL {
         let source = kind.build().unwrap();
         let mut random = Stream::new(1, Purpose::Test, 2);
@@ -56,7 +56,7 @@ fn light_may_run_either_way_through_every_source() {
             let (a, b) = (direction(&mut random, 0.3), direction(&mut random, 0.3));
             let there = mean_brdf(&*source, a, b, 12_000, 1);
             let back = mean_brdf(&*source, b, a, 12_000, 2);
-            // Five standard errors of the difference. Interpolated normals alone make fabrics irreciprocal, by a few percent.
+            // Five standard errors of the difference, and 3 % because interpolated normals break reciprocity.
             let allowed = 5.0 * (there.1 + back.1).sqrt() + 0.03 * there.0;
             assert!((there.0 - back.0).abs() < allowed, "{} {a} {b}: {there:?} {back:?}", kind.name());
         }
@@ -64,21 +64,21 @@ fn light_may_run_either_way_through_every_source() {
 }
 
 #[test]
-fn a_coat_over_white_keeps_nearly_everything_and_never_adds() {
+fn a_smooth_coat_over_white_conserves_energy() {
     let layered = Layered::of(|_| Layers {
         coat_alpha: 0.05,
         absorption: Vec3::ZERO,
         base: Base::Diffuse(Lambert { albedo: Vec3::ONE }),
     });
     let (mean, error) = albedo(&layered, Vec3::new(0.6, 0.0, 0.8), 1_000_000);
-    // Masked light is lost at each visit of the coat: 1 - G1 is 0.4 % in the mean over cosine-distributed directions for a width of 0.05,
-    // and light from the base visits the coat three or four times.
+    // Masked light is lost at each interaction with the coat: for a width of 0.05, 1 - G1 averages 0.4 %
+    // over cosine-distributed directions, and light from the base meets the coat three or four times.
     assert!(mean < 1.0 + 5.0 * error && mean > 0.98 - 5.0 * error, "{mean} +- {error}");
     assert!(error < 0.02, "{error}");
 }
 
 #[test]
-fn a_coat_over_black_is_a_dielectric_alone() {
+fn a_coat_over_black_reflects_as_the_dielectric_alone() {
     let layered = Layered::of(|_| Layers {
         coat_alpha: 0.3,
         absorption: Vec3::ZERO,

@@ -1,4 +1,4 @@
-//! Woven cloth: warp yarns along v, weft yarns along u, and which of the two is on top at each crossing.
+//! Woven cloth: warp yarns along v, weft yarns along u, and the order of the two at each crossing.
 
 use std::f32::consts::{PI, TAU};
 
@@ -6,28 +6,28 @@ use glam::{Vec2, Vec3};
 
 use super::yarn::{Section, Strands, irregular};
 
-/// Pieces of a yarn from one crossing to the next, and around it.
+/// Segments of a yarn from one crossing to the next and around it.
 const STEPS: [usize; 2] = [7, 14];
 
 /// A weave of one tile.
 pub struct Weave {
-    /// Warp yarns and weft yarns of a tile.
+    /// Warp yarns and weft yarns per tile.
     pub yarns: [usize; 2],
-    /// Whether a warp yarn lies over a weft yarn.
+    /// Returns whether a warp yarn lies over a weft yarn.
     pub warp_is_over: fn(usize, usize) -> bool,
     /// Cross-sections of warp and weft.
     pub sections: [Section; 2],
-    /// Height of the middle between warp and weft, in tiles, and how far warp and weft go up and down from it.
+    /// Mean height of warp and weft, in tiles; `amplitudes` are their deviations from it.
     pub middle: f32,
     pub amplitudes: [f32; 2],
-    /// By how much the cloth is raised at a place along u.
+    /// Returns the height that is added at a coordinate u.
     pub relief: fn(f32) -> f32,
-    /// The number of the material of a warp yarn; weft yarns have the number 0.
+    /// Returns the material index of a warp yarn; weft yarns have index 0.
     pub warp_material: fn(usize) -> usize,
 }
 
 impl Weave {
-    /// Adds the yarns of a tile to the strands of their materials.
+    /// Adds the yarns of one tile to the strands of their materials.
     pub fn build(&self, strands: &mut [Strands]) {
         let [warps, wefts] = self.yarns;
         let place = |k: usize, count: usize| (k as f32 + 0.5) / count as f32;
@@ -56,7 +56,7 @@ impl Weave {
     }
 }
 
-/// What goes smoothly through the values `at(k)` at `(k + 1/2) / count`, with period 1.
+/// Interpolates smoothly between the values `at(k)` at `(k + 1/2) / count`, with period 1.
 fn smooth(s: f32, count: usize, at: impl Fn(usize) -> f32) -> f32 {
     let x = s * count as f32 - 0.5;
     let (below, t) = (x.floor(), x - x.floor());
@@ -65,7 +65,7 @@ fn smooth(s: f32, count: usize, at: impl Fn(usize) -> f32) -> f32 {
     value(0) + (value(1) - value(0)) * blend
 }
 
-/// A plain weave raised to ribs along v: cream stripes on the ribs, blue in the grooves.
+/// Returns a plain weave with ribs along v: cream stripes on the ribs, blue in the grooves.
 pub fn welt() -> Weave {
     Weave {
         yarns: [12, 16],
@@ -81,7 +81,7 @@ pub fn welt() -> Weave {
     }
 }
 
-/// A satin of eight ends: each warp yarn floats over seven weft yarns and dives under the eighth.
+/// Returns an eight-end satin: each warp yarn floats over seven weft yarns and passes under the eighth.
 pub fn satin() -> Weave {
     Weave {
         yarns: [8, 8],

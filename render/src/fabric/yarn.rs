@@ -1,4 +1,4 @@
-//! Yarns and fibres as triangles: ellipses that are swept along a path, with plies twisted around each other.
+//! Yarns and fibres as triangles: ellipses swept along a path, with plies twisted around each other.
 
 use std::f32::consts::TAU;
 
@@ -9,23 +9,23 @@ use crate::{error::Result, scene::Mesh};
 /// The cross-section of a yarn.
 #[derive(Clone, Copy, Debug)]
 pub struct Section {
-    /// Half its width and half its height, in tiles.
+    /// Half the width and half the height, in tiles.
     pub radii: Vec2,
-    /// How many plies are twisted around each other; their grooves are what is seen of them.
+    /// Number of plies twisted around each other; only the grooves between them are modelled.
     pub plies: f32,
-    /// Depth of the grooves, as a part of the radius.
+    /// Depth of the grooves, as a fraction of the radius.
     pub groove: f32,
     /// Turns of the plies along the path.
     pub twist: f32,
 }
 
 impl Section {
-    /// A smooth ellipse.
+    /// Creates a smooth ellipse.
     pub fn smooth(radii: Vec2) -> Self {
         Self { radii, plies: 0.0, groove: 0.0, twist: 0.0 }
     }
 
-    /// The point at an angle, both in turns, of the cross-section at a place of the path.
+    /// Returns the point at `angle`, in turns, of the cross-section at a path parameter in `[0, 1]`.
     fn at(&self, place: f32, angle: f32) -> Vec2 {
         let phase = 0.5 * TAU * self.plies * (angle - self.twist * place);
         let radius = 1.0 - self.groove * (1.0 - phase.cos().abs());
@@ -42,8 +42,9 @@ pub struct Strands {
 }
 
 impl Strands {
-    /// Adds a strand along `path`, a function of `[0, 1]` and a little beyond that is nowhere vertical for longer than a point. `scale` is the
-    /// size of the cross-section along the path; `steps` are pieces along and around.
+    /// Adds a strand along `path`, which is evaluated slightly beyond `[0, 1]` and may be vertical only at
+    /// isolated points. `scale` multiplies the cross-section along the path; `steps` are segments along
+    /// and around.
     pub fn sweep(
         &mut self,
         path: impl Fn(f32) -> Vec3,
@@ -79,7 +80,7 @@ impl Strands {
         }
     }
 
-    /// The strands as a mesh, with a copy in each of the eight neighbouring tiles.
+    /// Builds a mesh of the strands and of their copies in the eight neighbouring tiles.
     pub fn tiled(&self, material: usize) -> Result<Mesh> {
         let (mut positions, mut normals, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
         for (x, y) in (-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))) {
@@ -93,7 +94,7 @@ impl Strands {
     }
 }
 
-/// A number in `[0, 1)` that belongs to a pair of indices: irregularities that repeat with the tile.
+/// Hashes a pair of indices to a number in `[0, 1)`, for irregularities that repeat with the tile.
 pub fn irregular(a: usize, b: usize) -> f32 {
     let mut hash = (a as u32).wrapping_mul(0x9e37_79b9) ^ (b as u32).wrapping_mul(0x85eb_ca6b) ^ 0x27d4_eb2f;
     for (shift, factor) in [(16, 0x7feb_352d), (15, 0x846c_a68b)] {

@@ -1,4 +1,4 @@
-//! What the header of an OpenEXR file says besides its pixels.
+//! Text attributes of OpenEXR headers.
 
 use std::io::BufReader;
 use std::path::Path;
@@ -10,7 +10,7 @@ use super::without_panic;
 use crate::error::{Error, Result};
 use crate::file::open_regular;
 
-/// The text attributes of an OpenEXR file's first layer, sorted by name; those that readers of pixels know themselves are left out.
+/// Returns the non-standard text and number attributes of an OpenEXR file's first layer, sorted by name.
 ///
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, [`Error::Invalid`] if it has no valid header.

@@ -1,4 +1,4 @@
-//! PNG and JPEG files in memory, whose sizes are checked before anything is decoded.
+//! Decoding of PNG and JPEG files in memory, with size checks before anything is decoded.
 
 use std::io::Cursor;
 
@@ -6,14 +6,15 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Li
 
 use super::{MAX_PIXELS, without_panic};
 
-/// The largest width or height of an image. It has at most [`MAX_PIXELS`] texels, and PNG and JPEG have at most 8 bytes for each, so that
-/// 1 GiB holds what is decoded.
+/// Maximum width or height of an image. With at most [`MAX_PIXELS`] texels of at most 8 bytes each, decoded
+/// images fit into 1 GiB.
 const MAX_SIDE: u32 = 16_384;
 
-/// The most bytes that a decoder may take for its own use.
+/// Maximum bytes that a decoder may allocate.
 const MAX_DECODER_BYTES: u64 = 1 << 30;
 
-/// Decodes a PNG or JPEG file of at most `texels_left` texels, as it is stored; the error is the end of a sentence that begins with the image.
+/// Decodes a PNG or JPEG file of at most `texels_left` texels, ignoring its EXIF orientation. The error
+/// completes a sentence whose subject is the image.
 pub(crate) fn decode_compressed(bytes: &[u8], texels_left: u64) -> Result<DynamicImage, String> {
     without_panic(|| decode(bytes, texels_left)).unwrap_or_else(|| Err("is damaged".into()))
 }
@@ -22,16 +23,16 @@ fn decode(bytes: &[u8], texels_left: u64) -> Result<DynamicImage, String> {
     let broken = |error: ImageError| format!("cannot be decoded: {error}");
     let mut reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format().map_err(|e| broken(e.into()))?;
     let most_texels_per_byte = match reader.format() {
-        // A byte of a deflate stream stands for at most 1032 bytes, and a texel has a bit or more.
+        // A byte of a deflate stream expands to at most 1032 bytes, and a texel has at least one bit.
         Some(ImageFormat::Png) => 8 * 1032,
-        // Each block of 8 x 8 texels takes a bit or more.
+        // Each block of 8 x 8 texels takes at least one bit.
         Some(ImageFormat::Jpeg) => 8 * 64,
         _ => return Err("is neither PNG nor JPEG".into()),
     };
     let mut limits = Limits::default();
     limits.max_alloc = Some(MAX_DECODER_BYTES);
     reader.limits(limits);
-    // Up to here headers are read, no pixels.
+    // This reads headers only.
     let decoder = reader.into_decoder().map_err(broken)?;
     let (width, height) = decoder.dimensions();
     let texels = u64::from(width) * u64::from(height);

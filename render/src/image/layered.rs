@@ -1,4 +1,5 @@
-//! OpenEXR files of several layers: channels `layer.R`, `layer.G`, … of one part, which is what compositing programs read as layers.
+//! OpenEXR files of several layers: channels `layer.R`, `layer.G`, … of one part, which compositing programs
+//! read as layers.
 
 use std::io::Cursor;
 
@@ -13,16 +14,18 @@ use crate::error::{Error, Result};
 /// A channel of an image.
 #[derive(Clone, Debug)]
 pub struct Channel {
-    /// Its name, with the layer's before a dot: `shadow.R`. R, G, B and A without a layer are what simple readers show.
+    /// Name, prefixed with the layer's and a dot: `shadow.R`. Simple readers show R, G, B and A without a
+    /// layer.
     pub name: String,
-    /// `[height * width]` values, from the top left.
+    /// `[height * width]` values from the top left.
     pub values: Vec<f32>,
 }
 
-/// The bytes of an OpenEXR file of 32-bit float channels (scan lines, ZIP).
+/// Encodes an OpenEXR file of 32-bit float channels (scan lines, ZIP).
 ///
 /// # Errors
-/// [`Error::Argument`] if a channel has another number of values, two have one name, or an attribute is not allowed.
+/// [`Error::Argument`] if a channel does not have `width * height` values, two channels have the same name,
+/// or an attribute is not allowed.
 pub fn encode_layered_exr(
     width: usize,
     height: usize,
@@ -64,7 +67,7 @@ mod tests {
     }
 
     #[test]
-    fn layers_come_back_by_their_names() {
+    fn layers_are_read_back_by_name() {
         let names = ["R", "G", "B", "object.A", "object.R", "shadow.G"];
         let channels = names.iter().enumerate().map(|(k, name)| channel(name, 10.0 * k as f32)).collect();
         let bytes = encode_layered_exr(3, 2, channels, &[Attribute::new("headtail.version", "x")]).unwrap();
@@ -78,12 +81,12 @@ mod tests {
             let own = found.iter().find(|channel| channel.name.eq(name)).unwrap();
             assert_eq!(own.sample_data.values_as_f32().collect::<Vec<_>>(), channel(name, 10.0 * k as f32).values);
         }
-        // What readers of a single picture see.
+        // Readers without layers read R, G and B.
         assert_eq!(read_radiance(&path).unwrap().pixels[0], [0.0, 10.0, 20.0]);
     }
 
     #[test]
-    fn wrong_channels_are_refused() {
+    fn wrong_sizes_and_duplicate_channels_are_rejected() {
         assert!(encode_layered_exr(3, 3, vec![channel("R", 0.0)], &[]).is_err());
         assert!(encode_layered_exr(3, 2, vec![channel("R", 0.0), channel("R", 1.0)], &[]).is_err());
     }

@@ -1,10 +1,11 @@
-//! Linear Rec.709 images: photographs and textures, writing results. Radiance maps are read by the crate headtail-sampling.
+//! Linear Rec.709 images: reading photographs and textures, writing results. The crate headtail-sampling
+//! reads radiance maps.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `photograph.rs`, `compressed.rs` | photographs; PNG and JPEG in memory |
 //! | `write.rs`, `layered.rs` | results as OpenEXR and PNG; OpenEXR of several layers |
-//! | `attributes.rs` | what OpenEXR headers say |
+//! | `attributes.rs` | text attributes of OpenEXR headers |
 
 mod attributes;
 mod compressed;

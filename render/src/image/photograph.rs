@@ -12,23 +12,23 @@ use crate::{
     file::open_regular,
 };
 
-/// The largest PNG or JPEG file that is read, in bytes.
+/// Maximum size of a PNG or JPEG file, in bytes.
 const MAX_BYTES: u64 = 1 << 30;
 
 /// A photograph as linear Rec.709.
 #[derive(Clone, Debug)]
 pub struct Photograph {
-    /// Linear values: radiance, or what 8- or 16-bit sRGB codes stand for, in `[0, 1]`.
+    /// Linear values: radiance, or decoded 8- or 16-bit sRGB codes in `[0, 1]`.
     pub image: Image,
-    /// Whether the values are radiance, in the units of a map. If not, an unknown exposure lies between.
+    /// Whether the values are radiance in the units of a map; otherwise the exposure is unknown.
     pub is_radiance: bool,
 }
 
 impl Photograph {
-    /// Reads an OpenEXR, Radiance, PNG or JPEG file; its first bytes decide which.
+    /// Reads an OpenEXR, Radiance, PNG or JPEG file; the first bytes determine the format.
     ///
     /// # Errors
-    /// The file cannot be read, is none of these, or is damaged; see [`read_radiance`].
+    /// If the file cannot be read, has another format, or is damaged; see [`read_radiance`].
     pub fn read(path: &Path) -> Result<Self> {
         let (file, size) = open_regular(path).map_err(|error| Error::io(path, error))?;
         let mut magic = Vec::new();
@@ -50,7 +50,7 @@ impl Photograph {
         Self::decode(&bytes).map_err(|reason| Error::invalid(path, "image", reason))
     }
 
-    /// A photograph of radiance; what is not finite or negative becomes 0.
+    /// Creates a photograph from radiance; negative and non-finite values become 0.
     pub fn of_radiance(mut image: Image) -> Self {
         for value in image.pixels.iter_mut().flatten().filter(|value| !(value.is_finite() && **value >= 0.0)) {
             *value = 0.0;
@@ -58,12 +58,13 @@ impl Photograph {
         Self { image, is_radiance: true }
     }
 
-    /// Decodes a PNG or JPEG file, turned as its EXIF data ask for; the error is the end of a sentence that begins with the image.
+    /// Decodes a PNG or JPEG file and applies its EXIF orientation. The error completes a sentence whose
+    /// subject is the image.
     pub fn decode(bytes: &[u8]) -> std::result::Result<Self, String> {
         Self::decode_turned(bytes, orientation(bytes))
     }
 
-    /// The same without a turn: what programs that do not look at EXIF data have shown.
+    /// Decodes as [`Self::decode`] does, but ignores the EXIF orientation.
     pub fn decode_stored(bytes: &[u8]) -> std::result::Result<Self, String> {
         Self::decode_turned(bytes, Orientation::NoTransforms)
     }
@@ -91,7 +92,8 @@ impl Photograph {
         Ok(Self { image: Image { width, height, pixels }, is_radiance: false })
     }
 
-    /// The linear colour at a point of the image (pixels from the top left corner), interpolated between pixel centres; `None` outside.
+    /// Returns the linear colour at a point of the image (pixels from the top left corner), interpolated
+    /// between pixel centres; `None` outside.
     pub fn sample(&self, at: Vec2) -> Option<Vec3A> {
         let size = Vec2::new(self.image.width as f32, self.image.height as f32);
         if !(at.cmpge(Vec2::ZERO).all() && at.cmplt(size).all()) {
@@ -104,7 +106,7 @@ impl Photograph {
         Some(mix(row).lerp(mix(below), inside.y.fract()))
     }
 
-    /// The image in another size, each pixel the mean of what it covers.
+    /// Resamples the image; each new pixel is the mean of the area that it covers.
     ///
     /// # Panics
     /// If a side is 0.
@@ -128,7 +130,7 @@ impl Photograph {
     }
 }
 
-/// The pixels of a row of `from` that each of `to` covers, with weights whose sum is 1.
+/// Returns, for each of `to` pixels, the pixels of a row of `from` that it covers, with weights of sum 1.
 fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     let step = from as f64 / to as f64;
     let pixels = |k: usize| {
@@ -142,14 +144,14 @@ fn cover(from: usize, to: usize) -> Vec<Vec<(usize, f32)>> {
     (0..to).map(pixels).collect()
 }
 
-/// How an image is to be turned before it is shown.
+/// Reads the EXIF orientation of an image.
 fn orientation(bytes: &[u8]) -> Orientation {
     let reader = image::ImageReader::new(std::io::Cursor::new(bytes)).with_guessed_format().ok();
     let turned = super::without_panic(|| reader?.into_decoder().ok()?.orientation().ok()).flatten();
     turned.unwrap_or(Orientation::NoTransforms)
 }
 
-/// The 8-bit sRGB code of a linear value, clipped at 1: the inverse of what [`Photograph::decode`] reads.
+/// Returns the 8-bit sRGB code of a linear value, clipped at 1; the inverse of [`Photograph::decode`].
 pub fn srgb_code(linear: f32) -> u8 {
     (255.0 * srgb_encode(linear) + 0.5) as u8
 }
@@ -164,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_come_back_from_linear_light() {
+    fn srgb_codes_survive_the_round_trip() {
         let pixels = ramp(32, 16);
         let read = Photograph::decode(&encode_png_rgb8(32, 16, &pixels).unwrap()).unwrap();
         assert!(!read.is_radiance);
@@ -173,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_pictures_are_refused() {
+    fn damaged_images_are_rejected() {
         let good = encode_png_rgb8(32, 16, &ramp(32, 16)).unwrap();
         for cut in [0, 3, 8, 20, 40, good.len() / 2] {
             assert!(Photograph::decode(&good[..cut]).is_err(), "{cut} bytes");
@@ -184,27 +186,27 @@ mod tests {
         for place in 0..good.len() {
             let mut damaged = good.clone();
             damaged[place] ^= 0x55;
-            // Any answer but a panic is right.
+            // Any result except a panic is correct.
             let _ = Photograph::decode(&damaged);
         }
     }
 
     #[test]
-    fn another_size_keeps_the_mean() {
+    fn resizing_preserves_the_mean() {
         let image = Image { width: 30, height: 20, pixels: (0..600).map(|k| [k as f32, 1.0, 0.5]).collect() };
         let mean =
             |image: &Image| image.pixels.iter().map(|p| f64::from(p[0])).sum::<f64>() / image.pixels.len() as f64;
         let large = Photograph::of_radiance(image);
         for (width, height) in [(15, 10), (7, 9), (30, 20), (45, 31), (1, 1)] {
             let small = large.resized(width, height);
-            // Weights of a few f32 roundings each.
+            // Each weight has a few f32 roundings.
             assert!((mean(&small.image) / mean(&large.image) - 1.0).abs() < 1e-5, "{width} x {height}");
         }
         assert_eq!(large.resized(30, 20).image, large.image);
     }
 
     #[test]
-    fn samples_are_pixels_at_their_centres_and_nothing_outside() {
+    fn samples_interpolate_pixel_centres_and_are_none_outside() {
         let image = Image { width: 3, height: 2, pixels: (0..6).map(|k| [k as f32; 3]).collect() };
         let photograph = Photograph::of_radiance(image);
         assert_eq!(photograph.sample(Vec2::new(1.5, 1.5)).unwrap().x, 4.0);

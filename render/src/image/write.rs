@@ -1,4 +1,4 @@
-//! Writing results: OpenEXR with every digit and how it was made, PNG to look at. Equal images give equal bytes.
+//! Writing results: lossless OpenEXR with attributes, and PNG for viewing. Equal images give equal bytes.
 
 use std::collections::HashMap;
 use std::io::Cursor;
@@ -16,8 +16,8 @@ use crate::file;
 
 /// A named value in the header of an OpenEXR file, such as the sampler, spp or seed of a rendering.
 ///
-/// Names are up to 255 bytes; the standard's own (`channels`, `version`, `comments`, ...) are refused, so a prefix
-/// (`headtail.version`) is good practice.
+/// Names have up to 255 bytes. The standard's own (`channels`, `version`, `comments`, ...) are rejected; use
+/// a prefix (`headtail.version`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribute {
     /// The name under which a reader finds the value.
@@ -27,7 +27,7 @@ pub struct Attribute {
 }
 
 impl Attribute {
-    /// An attribute of a text, an `i32`, an `f32` or an `f64`.
+    /// Creates an attribute from a text, an `i32`, an `f32` or an `f64`.
     pub fn new(name: impl Into<String>, value: impl Into<AttributeValue>) -> Self {
         Self { name: name.into(), value: value.into() }
     }
@@ -36,7 +36,8 @@ impl Attribute {
 /// The value of an [`Attribute`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum AttributeValue {
-    /// A text of Latin-1 characters (OpenEXR has no other, see [`latin_1`]); 64-bit integers go here.
+    /// A text of Latin-1 characters, the only ones that OpenEXR allows (see [`latin_1`]); also for 64-bit
+    /// integers.
     Text(String),
     /// A 32-bit integer.
     I32(i32),
@@ -46,7 +47,7 @@ pub enum AttributeValue {
     F64(f64),
 }
 
-/// A text in OpenEXR's characters: others are escaped as Rust does it, `\u{1f600}`.
+/// Escapes all characters outside Latin-1 as Rust does, `\u{1f600}`.
 pub fn latin_1(text: &str) -> String {
     text.chars().map(|c| if u32::from(c) < 256 { c.to_string() } else { c.escape_unicode().to_string() }).collect()
 }
@@ -81,7 +82,7 @@ impl From<f64> for AttributeValue {
     }
 }
 
-/// Writes an OpenEXR file: channels R, G, B, 32-bit float, scan lines, ZIP; every bit of every pixel is kept.
+/// Writes an OpenEXR file: channels R, G, B, 32-bit float, scan lines, ZIP (lossless).
 ///
 /// # Errors
 /// [`Error::Argument`] if the image is empty or an attribute has a name or text that OpenEXR does not allow;
@@ -90,7 +91,7 @@ pub fn write_exr(path: &Path, image: &Image, attributes: &[Attribute]) -> Result
     file::replace(path, &encode_exr(image, attributes)?)
 }
 
-/// The bytes that [`write_exr`] writes.
+/// Returns the bytes that [`write_exr`] writes.
 ///
 /// # Errors
 /// [`Error::Argument`], as [`write_exr`].
@@ -113,7 +114,7 @@ pub fn encode_exr(image: &Image, attributes: &[Attribute]) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Attributes as OpenEXR has them.
+/// Converts attributes to OpenEXR's.
 pub(super) fn header_attributes(attributes: &[Attribute]) -> Result<HashMap<Text, ExrValue>> {
     let mut all = HashMap::new();
     for attribute in attributes {
@@ -131,9 +132,9 @@ pub(super) fn header_attributes(attributes: &[Attribute]) -> Result<HashMap<Text
     Ok(all)
 }
 
-/// Writes an sRGB PNG, 8 bits per channel, of the image after [`color::tone_map`].
+/// Tone-maps an image with [`color::tone_map`] and writes it as an sRGB PNG, 8 bits per channel.
 ///
-/// `exposure` is in stops: 0 leaves the radiance as it is, each +1 doubles it.
+/// `exposure` is in stops: 0 leaves the radiance unchanged, each +1 doubles it.
 ///
 /// # Errors
 /// As [`encode_png`]; [`Error::Io`] if the file cannot be written, see [`file::replace`].
@@ -141,7 +142,7 @@ pub fn write_png(path: &Path, image: &Image, exposure: f32) -> Result<()> {
     file::replace(path, &encode_png(image, exposure)?)
 }
 
-/// The bytes that [`write_png`] writes.
+/// Returns the bytes that [`write_png`] writes.
 ///
 /// # Errors
 /// [`Error::Argument`] if the image is empty.
@@ -153,10 +154,10 @@ pub fn encode_png(image: &Image, exposure: f32) -> Result<Vec<u8>> {
     encode_png_rgb8(image.width, image.height, &display)
 }
 
-/// The bytes of a PNG of sRGB pixels, `[height * width]` from the top left.
+/// Encodes sRGB pixels, `[height * width]` from the top left, as a PNG.
 ///
 /// # Errors
-/// [`Error::Argument`] if the size does not fit the pixels or PNG.
+/// [`Error::Argument`] if the size does not match the number of pixels or exceeds PNG's limits.
 pub fn encode_png_rgb8(width: usize, height: usize, pixels: &[[u8; 3]]) -> Result<Vec<u8>> {
     let size =
         |length| u32::try_from(length).map_err(|_| Error::argument("image", "more than 2^32 - 1 pixels wide or high"));
@@ -178,15 +179,15 @@ fn check_not_empty(image: &Image) -> Result<()> {
     Ok(())
 }
 
-/// A text as OpenEXR stores it.
+/// Converts a text to OpenEXR's.
 fn text(attribute: &str, value: &str) -> Result<Text> {
     Text::new_or_none(value).ok_or_else(|| {
         Error::argument(format!("attribute {attribute}"), "OpenEXR texts are limited to Latin-1 characters")
     })
 }
 
-/// Puts the attributes of a single-layer header in the order of their names: the encoder takes them from a hash map, whose
-/// order changes from run to run. Offsets in the file stay right, since the header keeps its length.
+/// Sorts the attributes of a single-layer header by name: the encoder takes them from a hash map, whose order
+/// changes from run to run. Offsets in the file stay valid, since the header keeps its length.
 pub(super) fn sort_header(bytes: &mut [u8]) {
     const START: usize = 8;
     let mut attributes = Vec::new();

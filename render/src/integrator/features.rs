@@ -1,4 +1,4 @@
-//! What a picture shows besides light: albedo, normals and depth, for denoisers and compositing.
+//! Auxiliary features of a picture: albedo, normals and depth, for denoisers and compositing.
 
 use glam::{Vec2, Vec3A};
 use rayon::prelude::*;
@@ -6,25 +6,26 @@ use rayon::prelude::*;
 use super::view::{Part, View};
 use crate::{image::Image, one_point::OnePoint};
 
-/// Camera rays through a pixel along an edge of it.
+/// Camera rays per pixel along each side.
 const RAYS: usize = 2;
-/// BRDF samples along an edge of the square that an albedo is estimated with. Diffuse surfaces need one.
+/// BRDF samples along each side of the grid that estimates an albedo; diffuse surfaces need one.
 const SAMPLES: usize = 4;
-/// The depth of what is no surface, in metres, as Blender writes it.
+/// Depth where there is no surface, in metres, as Blender writes it.
 const FAR: f32 = 1e10;
 
-/// Means over the camera rays of each pixel; where no ray meets a surface, black and [far away](Self::depth).
+/// Means over the camera rays of each pixel; where no ray hits a surface, black and [far away](Self::depth).
 #[derive(Clone, Debug)]
 pub struct Features {
-    /// Share of light from everywhere that is reflected to the camera, per channel.
+    /// Fraction of uniform illumination that is reflected to the camera, per channel.
     pub albedo: Image,
-    /// Shading normals in world space, on the side of the camera; shorter than 1 where they differ within a pixel.
+    /// Shading normals in world space, facing the camera; shorter than 1 where they vary within a pixel.
     pub normal: Image,
-    /// `[height * width]` distance from the camera in metres, over the rays that meet a surface; 1e10 where none does.
+    /// `[height * width]` distance from the camera in metres, over the rays that hit a surface; 1e10 if none
+    /// does.
     pub depth: Vec<f32>,
 }
 
-/// Looks at each pixel of a part of a view through evenly spaced rays.
+/// Computes the features of each pixel of a part of a view from evenly spaced rays.
 pub fn features(view: View<'_>, part: Part) -> Features {
     view.scene.prepare_materials();
     let Part { left, top, width, height } = part;
@@ -34,7 +35,7 @@ pub fn features(view: View<'_>, part: Part) -> Features {
     Features { albedo: image(0), normal: image(1), depth: pixels.iter().map(|pixel| pixel[2][0]).collect() }
 }
 
-/// Albedo, normal and depth.
+/// Returns albedo, normal and depth of a pixel.
 fn of_pixel(view: &View<'_>, x: usize, y: usize) -> [[f32; 3]; 3] {
     let inside = |k: usize| (k as f32 + 0.5) / RAYS as f32;
     let (mut albedo, mut normal, mut depth, mut hits) = (Vec3A::ZERO, Vec3A::ZERO, 0.0, 0);

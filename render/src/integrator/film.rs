@@ -21,25 +21,26 @@ use crate::{
 /// Edge of a tile in pixels.
 const TILE: usize = 16;
 
-/// Edge of the squares in which the pixels of a tile are numbered: neighbours in a batch are neighbours in space.
+/// Edge of the squares that order the pixels of a tile, so that batches are spatially coherent.
 const BLOCK: usize = 4;
 
-/// Some samples of every pixel.
+/// A range of samples of every pixel.
 pub(super) struct Pass<'a> {
     pub estimator: &'a dyn Estimator,
-    /// Who is told what was visible.
+    /// Receives the visibility of contributions.
     pub trainer: Option<&'a dyn VisibilityTrainer>,
     pub points: Points,
-    /// The first, and the first after them.
+    /// First sample and end of the range.
     pub samples: (u32, u32),
 }
 
-/// The sums of all pixels, tile after tile: each sum is made in the order of the samples, so that it does not depend on passes.
+/// The sums of all pixels, tile by tile. Each is accumulated in sample order and so does not depend on the
+/// passes.
 pub(super) struct Film {
     part: Part,
     places: Vec<(u16, u16)>,
     sums: Vec<Pixel>,
-    /// How many pixels each tile has.
+    /// Number of pixels of each tile.
     tiles: Vec<usize>,
 }
 
@@ -48,7 +49,7 @@ impl Film {
         Self::of(part, |_| true)
     }
 
-    /// A film of some pixels alone, by their keys.
+    /// Creates a film of the pixels whose keys `has` accepts.
     pub fn of(part: Part, has: impl Fn(u32) -> bool) -> Self {
         let places = Vec::with_capacity(part.width * part.height);
         let mut film = Self { part, places, sums: Vec::new(), tiles: Vec::new() };
@@ -94,7 +95,7 @@ impl Film {
         });
     }
 
-    /// The means of `spp` samples.
+    /// Divides the sums by `spp`.
     pub fn resolve(&self, points: PointSet, spp: u32, seconds: f64) -> Rendering {
         let Part { left, top, width, height } = self.part;
         let mut pixels = vec![Pixel::default(); width * height];
@@ -121,7 +122,7 @@ impl Film {
     }
 }
 
-/// Visits column and row of the pixels of a tile, square by square.
+/// Visits the pixels of a tile, as column and row, square by square.
 fn for_squares(rows: Range<usize>, columns: Range<usize>, mut visit: impl FnMut(usize, usize)) {
     for top in rows.clone().step_by(BLOCK) {
         for left in columns.clone().step_by(BLOCK) {

@@ -1,4 +1,4 @@
-//! Learns visibility from samples that are not part of a picture: before rendering it, or for a file.
+//! Trains visibility on samples that are not part of a picture: before rendering it, or for a file.
 
 use std::{
     sync::atomic::{AtomicBool, Ordering},
@@ -16,16 +16,16 @@ use crate::{
     visibility::SceneVisibility,
 };
 
-/// The first sample number of learning. Pictures have lower ones, so that they are independent of what was learned.
+/// First sample number of training. Pictures use lower ones, so that they are independent of it.
 const FIRST_SAMPLE: u32 = 1 << 31;
-/// Points of a picture over points that visibility is learned from.
+/// Samples of a picture per training sample.
 const PARTS: u32 = 64;
-/// Time of a point with its eight shadow rays over that of a point of a picture: 7 to 10.
+/// Cost of a training sample, with its eight shadow rays, relative to a sample of a picture: 7 to 10.
 const PRICE: u32 = 8;
-/// Pixels of a block, 8 x 8, some of which are learned from where that is less than one sample of each pixel.
+/// Pixels of an 8 x 8 block. Passes of less than one sample per pixel train on some pixels of each block.
 const BLOCK: u32 = 64;
 
-/// Camera and size of a part of a view.
+/// Returns the camera and size of a part of a view.
 pub(super) fn view_geometry(view: &View<'_>, part: Part) -> ViewGeometry {
     ViewGeometry {
         eye: view.camera.look_from(),
@@ -34,25 +34,25 @@ pub(super) fn view_geometry(view: &View<'_>, part: Part) -> ViewGeometry {
     }
 }
 
-/// Samples that visibility is learned from.
+/// Samples that visibility is trained on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TrainingPass {
     /// The first sample.
     first: u32,
     /// Samples of each pixel.
     samples: u32,
-    /// The range of pixels of a block.
+    /// Range of pixels of each block.
     pixels: (u32, u32),
 }
 
 impl TrainingPass {
-    /// The pass before a picture of `samples` samples per pixel.
+    /// Creates the pass before a picture of `samples` samples per pixel.
     pub(crate) fn before(samples: u32, first: u32) -> Self {
         let pixels = (samples / (PARTS / BLOCK)).clamp(1, BLOCK);
         Self { first, samples: (samples / PARTS).max(1), pixels: (0, pixels) }
     }
 
-    /// Runs it in four parts, if it has as many pixels, and stops after the part at which the predicted gain is too small.
+    /// Runs the pass in up to four parts and stops early when the predicted gain is too small.
     pub(crate) fn in_parts(
         self,
         trainer: &mut dyn VisibilityTrainer,
@@ -77,14 +77,15 @@ impl TrainingPass {
         parts.map(move |pixels| Self { pixels, ..self })
     }
 
-    /// Whether it includes the pixel with this key.
+    /// Returns whether the pass includes the pixel with this key.
     pub(crate) fn includes(&self, key: u32) -> bool {
-        // Reversed bits spread the first few over the block.
+        // Reversed bits spread the first pixels over the block.
         let place = (key % BLOCK).reverse_bits() >> (32 - BLOCK.ilog2());
         (self.pixels.0..self.pixels.1).contains(&place)
     }
 
-    /// Trains on each sample: `observe` traces it for all pixels of the pass, given the points and the number of the sample.
+    /// Trains on each sample: `observe` traces it for all pixels of the pass, given the points and the sample
+    /// number.
     pub(crate) fn train(
         self,
         trainer: &mut dyn VisibilityTrainer,
@@ -110,7 +111,7 @@ impl TrainingPass {
     }
 }
 
-/// Learns for a part of a picture, in a fraction of its budget.
+/// Trains for a part of a picture, in a fraction of its budget.
 pub(super) fn learn_before(
     view: (&View<'_>, Part),
     trainer: &mut dyn VisibilityTrainer,
@@ -154,11 +155,13 @@ fn learn(
     });
 }
 
-/// Learns from `samples` independent samples of each pixel of a view, for all views of the scene. Continues `before`, which must be of the same scene
-/// and map. `progress` is called with the fraction that is done; if `stop` is set, the result is what was learned until then.
+/// Trains visibility on `samples` independent samples per pixel of a view, for all views of the scene.
+///
+/// Resumes from `before`, which must be of the same scene and map. `progress` receives the completed
+/// fraction. If `stop` is set, returns the visibility trained so far.
 ///
 /// # Panics
-/// If there are no samples, or 2^31 and more.
+/// If `samples` is 0, or 2^31 or more.
 pub fn learn_visibility(
     view: View<'_>,
     estimator: &LearnedVisibility,
@@ -200,7 +203,7 @@ mod tests {
                 "{samples}: each pixel once"
             );
             let cost = f64::from(pass.samples * pixels) / f64::from(BLOCK) / f64::from(samples);
-            // At least one pixel of a block; numbers are rounded down, to more than a half.
+            // At least one pixel of a block; rounding down leaves more than half of 1 / 64.
             assert!(cost <= f64::max(1.0 / 64.0, 1.0 / f64::from(64 * samples)), "{samples}: {cost}");
             assert!(cost > 1.0 / 129.0, "{samples}: {cost}");
         }

@@ -3,8 +3,8 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `render.rs` | passes until a budget is spent |
-//! | `rendering.rs`, `view.rs` | budget and result; what is rendered |
-//! | `learn.rs` | learning visibility before a picture, or for a file |
+//! | `rendering.rs`, `view.rs` | budget and result; scene, camera and environment |
+//! | `learn.rs` | training visibility before a picture, or for a file |
 //! | `film.rs` | the sums of all pixels, tiles in parallel |
 //! | `wavefront.rs` | one sample of every pixel of a tile |
 //! | `path.rs` | camera rays, shadow rays and bounces |

@@ -1,4 +1,4 @@
-//! The steps of a path: camera rays, shadow rays and bounces. Renderings and composites share them.
+//! The steps of a path, for renderings and composites: camera rays, shadow rays and bounces.
 
 use glam::Vec3A;
 
@@ -12,17 +12,17 @@ use crate::{
     tile::Tile,
 };
 
-/// From this bounce on, paths end by Russian roulette.
+/// First bounce with Russian roulette.
 const ROULETTE_FROM: u32 = 3;
 
-/// The largest probability of survival, so that paths between white walls end.
+/// Maximum probability of survival, so that paths between white walls end.
 const MOST_SURVIVAL: f32 = 0.95;
 
-/// The angle in radians between rays after a bounce, as far as textures are filtered by it: what they see is blurred anyway, and less detail is less
-/// noise.
+/// Angular spread in radians of rays after a bounce, for texture filtering: indirect light is blurred anyway,
+/// and less detail means less noise.
 pub(crate) const BOUNCE_SPREAD: f32 = 0.05;
 
-/// The key of a pixel's points.
+/// Returns the key of a pixel's points.
 pub(crate) fn key_of((x, y): (u16, u16)) -> u32 {
     morton(x, y)
 }
@@ -58,8 +58,10 @@ pub(crate) fn shadow_rays(scene: &Scene, tile: &Tile, contributions: &Contributi
     }));
 }
 
-/// Continues the paths at the points of a tile by BRDF sampling, as bounce number `bounce`. `throughput` returns that of the path at a place after a
-/// reflection of weight `f cos / pdf`; `go_on` receives the place, throughput and ray of each path that does not end.
+/// Continues the paths at the points of a tile by BRDF sampling, as bounce number `bounce`.
+///
+/// `throughput` returns the new throughput of the path at a place, given the weight `f cos / pdf` of the
+/// reflection; `go_on` receives the place, throughput and ray of each path that does not end.
 pub(crate) fn bounce(
     scene: &Scene,
     tile: &Tile,

@@ -13,19 +13,21 @@ use super::{
 };
 use crate::{estimator::Estimator, points::Points};
 
-/// Samples per pixel and pass where their number is the budget.
+/// Samples per pixel and pass for a budget in samples.
 const PASS: u32 = 16;
-/// The same where time is the budget: a pass should end close to the limit.
+/// Samples per pixel and pass for a budget in time, so that a pass ends close to the limit.
 const SHORT_PASS: u32 = 1;
 
-/// Largest width and height.
+/// Maximum width and height of an image.
 pub const MAX_SIDE: usize = u16::MAX as usize;
 
-/// Renders until the budget is spent or `stop` is set; an interrupted image holds the passes that were finished (at least one).
+/// Renders until the budget is spent or `stop` is set; an interrupted image holds the finished passes (at
+/// least one).
 ///
-/// `progress` is called after every pass with the share of the budget that is spent. Same `points` (their kind and seed) and same number of
-/// samples: same bytes, on any number of threads and whatever the budget was given in. An estimator that learns does so first, from other points, in
-/// a small part of the budget: its pictures depend on how much that was, too, which for a budget in time is not always the same.
+/// `progress` is called after every pass with the fraction of the budget that is spent. Equal `points` (kind
+/// and seed) and equal numbers of samples give equal bytes, on any number of threads and for either kind of
+/// budget. Estimators with a trainer first train on other points, in a small fraction of the budget. Their
+/// pictures also depend on the amount of training, which varies between runs with a budget in time.
 ///
 /// # Panics
 /// If a side is longer than [`MAX_SIDE`].
@@ -40,11 +42,11 @@ pub fn render(
     render_part(view, view.whole(), estimator, budget, points, stop, progress)
 }
 
-/// [`render`] of a part of the image: at equal samples its pixels are those of the whole, bit for bit, but of an estimator that learns, to which
-/// the others would have told something.
+/// Renders a part of the image as [`render`] does. At equal numbers of samples its pixels equal those of the
+/// whole bit for bit, except with estimators that train, which then train on the part alone.
 ///
 /// # Panics
-/// As [`render`], and if the part is not inside of the image.
+/// As [`render`], and if the part extends beyond the image.
 pub fn render_part(
     view: View<'_>,
     part: Part,
@@ -63,7 +65,7 @@ pub fn render_part(
     assert!(view.width.max(view.height) <= MAX_SIDE, "an image of more than {MAX_SIDE} pixels along a side");
     view.scene.prepare_materials();
     let start = Instant::now();
-    // Without a sample there is no mean: 0 / 0 would be black with NaN, and the share of the budget never reach 1.
+    // Without samples, means would be 0 / 0 and the spent fraction would never reach 1.
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut film = Film::new(part);
@@ -79,7 +81,7 @@ pub fn render_part(
         spp += count;
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
-            // Half a pass more is as near to the limit as half a pass less.
+            // Stops at the pass whose end is nearest to the limit.
             Budget::Time(limit) => {
                 let elapsed = start.elapsed().as_secs_f64();
                 let half_pass = 0.5 * elapsed * f64::from(pass) / f64::from(spp);

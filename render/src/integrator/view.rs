@@ -1,4 +1,4 @@
-//! What is rendered: a scene, a camera and an environment.
+//! The input of a rendering: a scene, a camera and an environment.
 
 use crate::{
     environment::Environment,
@@ -12,13 +12,13 @@ pub struct Part {
     pub left: usize,
     /// The first row.
     pub top: usize,
-    /// Columns.
+    /// Number of columns.
     pub width: usize,
-    /// Rows.
+    /// Number of rows.
     pub height: usize,
 }
 
-/// What to render.
+/// The input of a rendering.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
     /// The scene.
@@ -31,14 +31,14 @@ pub struct View<'a> {
     pub width: usize,
     /// Image height in pixels.
     pub height: usize,
-    /// Leave out shadow rays: the environment is seen from everywhere.
+    /// Omit shadow rays, as if the environment were visible from everywhere.
     pub unshadowed: bool,
-    /// Surfaces that light may visit on its way to the camera: 1 is direct light, and 0 counts as 1.
+    /// Maximum surfaces on a light path: 1 is direct light, and 0 counts as 1.
     pub depth: u32,
 }
 
 impl View<'_> {
-    /// The whole image.
+    /// Returns the whole image.
     pub fn whole(&self) -> Part {
         Part { left: 0, top: 0, width: self.width, height: self.height }
     }

@@ -1,4 +1,5 @@
-//! One sample of every pixel of a tile at a time: camera rays, light estimates, shadow rays and further bounces all work on many points.
+//! One sample of every pixel of a tile at a time: camera rays, light estimates, shadow rays and further
+//! bounces each work on many points.
 
 use glam::{DVec3, Vec3A};
 
@@ -24,7 +25,7 @@ pub(super) struct Pixel {
     pub background: DVec3,
     pub estimates: u64,
     pub rays: u64,
-    /// The luminance of the largest single contribution before the visibility test: what makes fireflies.
+    /// Largest luminance of a single contribution before the visibility test, an indicator of fireflies.
     pub max_weight: f32,
 }
 
@@ -35,15 +36,15 @@ pub(super) struct TilePixels<'a> {
     pub sums: &'a mut [Pixel],
 }
 
-/// What light is estimated with.
+/// The light estimator and its optional trainer.
 #[derive(Clone, Copy)]
 pub(super) struct Estimate<'a> {
     pub estimator: &'a dyn Estimator,
-    /// Who is told what was visible.
+    /// Receives the visibility of contributions.
     pub trainer: Option<&'a dyn VisibilityTrainer>,
 }
 
-/// What a thread works with, kept from tile to tile.
+/// Buffers of one thread, reused from tile to tile.
 #[derive(Default)]
 pub(super) struct Workspace {
     arena: Arena,
@@ -51,10 +52,10 @@ pub(super) struct Workspace {
     tiles: [Tile; 2],
     paths: [Vec<Path>; 2],
     rays: Vec<Ray>,
-    /// Keys of the points that the rays of a further bounce leave.
+    /// Keys of the points that the rays of a further bounce start from.
     keys: Vec<u32>,
     hits: Vec<usize>,
-    /// Radiance that surfaces emit where rays hit them, in a scene where some do.
+    /// Radiance emitted where rays hit surfaces; empty in scenes without emission.
     emission: Vec<Vec3A>,
     contributions: Contributions,
     visible: Vec<bool>,
@@ -63,7 +64,7 @@ pub(super) struct Workspace {
 /// The path that leads to a shading point.
 #[derive(Clone, Copy, Debug)]
 struct Path {
-    /// Its pixel in the tile.
+    /// Index of the pixel in the tile.
     pixel: usize,
     throughput: Vec3A,
 }
@@ -85,7 +86,8 @@ impl Workspace {
         }
     }
 
-    /// One camera ray through each pixel: shading points where it hits a surface, the background elsewhere.
+    /// Traces one camera ray per pixel: adds a shading point where it hits a surface, the background
+    /// elsewhere.
     fn trace_camera(&mut self, view: &View<'_>, points: Points, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, hits, emission, .. } = self;
         camera_rays(view.camera, (view.width, view.height), pixels.places, &points, rays, arena);
@@ -117,7 +119,7 @@ impl Workspace {
         }
     }
 
-    /// Light estimates at the current shading points, with shadow rays.
+    /// Estimates light at the current shading points, with shadow rays.
     fn estimate(&mut self, view: &View<'_>, estimate: Estimate<'_>, points: Points, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, contributions, visible, .. } = self;
         contributions.clear();
@@ -131,7 +133,7 @@ impl Workspace {
             });
         }
         if let Some(trainer) = estimate.trainer {
-            // What is sent to learn from adds nothing.
+            // Training samples do not contribute to the picture.
             return timed(Stage::Learning, || trainer.observe(&tile.rows(), contributions, visible));
         }
         let all = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
@@ -147,8 +149,8 @@ impl Workspace {
         }
     }
 
-    /// Light that reaches a surface over other surfaces: paths go on by BRDF sampling. One that leaves the scene adds nothing: the estimator
-    /// at its last surface stands for all light from the environment.
+    /// Continues paths by BRDF sampling. A path that leaves the scene adds nothing: the estimator at its last
+    /// surface covers all light from the environment.
     fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32, pixels: &mut TilePixels<'_>) {
         let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, emission, .. } = self;
         rays.clear();
@@ -173,7 +175,7 @@ impl Workspace {
     }
 }
 
-/// Adds what surfaces emit where paths hit them; nothing where no surface does.
+/// Adds the emission of the surfaces that paths hit.
 fn add_emission(paths: &[Path], emission: &[Vec3A], pixels: &mut TilePixels<'_>) {
     for (path, &emission) in paths.iter().zip(emission) {
         pixels.sums[path.pixel].surfaces += (path.throughput * emission).as_dvec3();

@@ -1,7 +1,7 @@
 //! The bounding volume hierarchy over all triangles of a scene.
 //!
-//! The library builds a binary tree; rays go through the wide one that is made from it ([`super::wide`]), which is the faster for
-//! single rays and for batches.
+//! `obvhs` builds a binary tree; rays traverse the eight-wide tree that is made from it ([`super::wide`]),
+//! which is faster for single rays and for batches.
 
 use std::time::Duration;
 
@@ -18,17 +18,19 @@ use super::{
 pub struct Bvh(WideBvh);
 
 impl Bvh {
-    /// The most triangles: with the parts of those that are split, they take fewer than the 31 bits that name a leaf.
+    /// Maximum number of triangles: with the parts of split ones, their number fits into the 31 bits that
+    /// name a leaf.
     pub const MOST_TRIANGLES: usize = 1 << 26;
 
-    /// Builds the hierarchy of finite triangles with area, at most [`Self::MOST_TRIANGLES`]; none at all is allowed.
+    /// Builds the hierarchy of at most [`Self::MOST_TRIANGLES`] finite triangles with area; the list may be
+    /// empty.
     pub fn build(triangles: &[[Vec3; 3]]) -> Self {
         if triangles.is_empty() {
             return Self(WideBvh::default());
         }
         let corners: Vec<Triangle> =
             triangles.iter().map(|&[a, b, c]| Triangle { v0: a.into(), v1: b.into(), v2: c.into() }).collect();
-        // Visiting a node costs as much as a block of eight triangles: leaves are to be full.
+        // Visiting a node costs as much as a block of eight triangles, so leaves should be full.
         let parameters = BvhBuildParams { collapse_traversal_cost: 8.0, ..BvhBuildParams::slow_build() };
         let tree = build_bvh2_from_tris(&corners, parameters, &mut Duration::default());
         // Large triangles are in several leaves.
@@ -36,26 +38,26 @@ impl Bvh {
         Self(WideBvh::new(&tree, &entries))
     }
 
-    /// The nearest triangle that the ray hits.
+    /// Returns the nearest hit of a ray.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut hit = [None];
         self.closest_batch(std::slice::from_ref(ray), &mut hit);
         hit[0]
     }
 
-    /// Whether the ray hits anything.
+    /// Returns whether a ray hits anything.
     pub fn occluded(&self, origin: Vec3A, direction: Vec3A) -> bool {
         let mut occluded = [false];
         self.occluded_batch(&[Ray::new(origin, direction)], &mut occluded);
         occluded[0]
     }
 
-    /// [`Self::closest`] of many rays; both slices have equal length.
+    /// [`Self::closest`] for many rays; both slices have equal length.
     pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         Traversal { bvh: &self.0, rays, question: Question::Nearest(hits) }.run();
     }
 
-    /// [`Self::occluded`] of many rays; both slices have equal length.
+    /// [`Self::occluded`] for many rays; both slices have equal length.
     pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
         Traversal { bvh: &self.0, rays, question: Question::Occluded(occluded) }.run();
     }
@@ -97,7 +99,8 @@ mod tests {
         triangles.iter().filter_map(hit).min_by(f64::total_cmp)
     }
 
-    /// Compares with brute force, but for rays that pass an edge so closely that f32 may see either side.
+    /// Compares with brute force, except for rays that pass an edge so closely that f32 may decide either
+    /// way.
     fn assert_equals_brute_force(triangles: &[[Vec3; 3]], random: &mut Stream, rays: usize) {
         let bvh = Bvh::build(triangles);
         let mut decided = 0;
@@ -139,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn batches_find_what_single_rays_find() {
+    fn batches_agree_with_single_rays() {
         let mut random = Stream::new(3, Purpose::Test, 0);
         for (count, size) in [(1, 1.0), (9, 0.8), (1000, 0.1), (5000, 0.03)] {
             let bvh = Bvh::build(&soup(count, size, &mut random));
@@ -161,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_find_what_they_find_alone() {
+    fn packets_agree_with_single_rays() {
         let mut random = Stream::new(5, Purpose::Test, 0);
         let mut piled = soup(400, 0.2, &mut random);
         piled.extend(piled.clone());
@@ -235,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_never_hit() {
+    fn empty_hierarchies_have_no_hits() {
         let bvh = Bvh::build(&[]);
         assert_eq!(bvh.closest(&Ray::new(Vec3A::ZERO, Vec3A::X)), None);
         assert!(!bvh.occluded(Vec3A::ZERO, Vec3A::X));

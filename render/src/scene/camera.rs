@@ -5,20 +5,20 @@ use glam::{Affine3A, Vec2, Vec3A};
 use super::ray::{Bounds, Ray};
 use crate::error::{Error, Result};
 
-/// Free space around a framed scene: the picture's width over that of what is framed.
+/// Margin around a framed scene: the image's width over that of the framed points.
 const FRAMING_MARGIN: f32 = 1.08;
 
-/// A pinhole camera, with up = +Y ([`Self::new`]) or with any roll and principal point ([`Self::of_photograph`]), or one of parallel rays
-/// ([`Self::orthographic`]).
+/// A pinhole camera, with up = +Y ([`Self::new`]) or with any roll and principal point
+/// ([`Self::of_photograph`]), or an orthographic camera ([`Self::orthographic`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     look_from: Vec3A,
     look_at: Vec3A,
     vertical_fov: f32,
-    /// Half the image's height: at distance 1, or of parallel rays at any, in metres.
+    /// Half the image's height: at distance 1, or in metres for parallel rays.
     half_height: f32,
     is_orthographic: bool,
-    /// Where the principal point is, right of and above the middle of the image, in half heights.
+    /// Position of the principal point right of and above the middle of the image, in half heights.
     principal_point: Vec2,
     right: Vec3A,
     up: Vec3A,
@@ -26,9 +26,9 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera at `look_from` (metres) that points to `look_at`, of `vertical_fov` degrees.
+    /// Creates a camera at `look_from` (metres) that points to `look_at`, of `vertical_fov` degrees.
     ///
-    /// Looking straight up or down, the top of the image is towards -Z and +Z.
+    /// Looking straight up, the top of the image is towards +Z; straight down, towards -Z.
     ///
     /// # Errors
     /// When the two points are equal or not finite, or the angle is not inside (0, 180).
@@ -41,7 +41,8 @@ impl Camera {
             let reason = format!("{look_from} and {look_at} do not give a direction");
             return Err(Error::argument("camera positions", reason));
         };
-        // Within 1e-6 of the vertical, forward x Y has lost its digits: the image's top is a convention there.
+        // Within 1e-6 of the vertical, forward x Y has no significant digits: the image's top is a convention
+        // there.
         let right = forward.cross(Vec3A::Y);
         let right = if right.length_squared() > 1e-12 { right.normalize() } else { Vec3A::X };
         let half_height = (0.5 * vertical_fov.to_radians()).tan();
@@ -50,8 +51,8 @@ impl Camera {
         Ok(Self { look_from, look_at, vertical_fov, half_height, is_orthographic, principal_point, right, up, forward })
     }
 
-    /// A camera of parallel rays, whose image is `2 half_height` metres high. `to_world` is as in [`Self::of_photograph`]; what is behind the
-    /// plane of its origin is not seen.
+    /// Creates a camera of parallel rays, whose image is `2 half_height` metres high. `to_world` is as in
+    /// [`Self::of_photograph`]; points behind the plane of its origin are not visible.
     ///
     /// # Errors
     /// As [`Self::of_photograph`].
@@ -60,14 +61,14 @@ impl Camera {
         Ok(Self { is_orthographic: true, vertical_fov: 0.0, ..camera })
     }
 
-    /// The camera of a photograph. `to_world` is a rigid motion from the camera's coordinates, in which it looks along -Z with up = +Y; the
-    /// principal point lies right of and above the middle of the image by so many half heights, and the image is `2 half_height` high at
-    /// distance 1.
+    /// Creates the camera of a photograph. `to_world` is a rigid motion from camera coordinates, in which the
+    /// camera looks along -Z with up = +Y. `principal_point` is right of and above the middle of the image,
+    /// in half heights; the image is `2 half_height` high at distance 1.
     ///
     /// # Errors
-    /// When `to_world` is no rigid motion, or a number has no meaning.
+    /// When `to_world` is not a rigid motion, or a number is out of range or not finite.
     pub fn of_photograph(to_world: Affine3A, half_height: f32, principal_point: Vec2) -> Result<Self> {
-        // Rotations that were stored with six digits are off by 1e-6; what is off by a thousandth is no rotation.
+        // Rotations stored with six digits are off by 1e-6; a matrix that is off by 1e-3 is not a rotation.
         const TOLERANCE: f32 = 1e-3;
         let axes = to_world.matrix3;
         let product = axes.transpose() * axes - glam::Mat3A::IDENTITY;
@@ -90,7 +91,7 @@ impl Camera {
         Ok(Self { look_from, look_at, vertical_fov, half_height, is_orthographic, principal_point, right, up, forward })
     }
 
-    /// The camera moved by a rotation about the origin and a translation.
+    /// Returns the camera moved by a rotation about the origin and a translation.
     #[must_use]
     pub fn moved(&self, motion: &Affine3A) -> Self {
         let turned = |v| motion.transform_vector3a(v);
@@ -104,33 +105,34 @@ impl Camera {
         }
     }
 
-    /// From the camera's coordinates (it looks along -Z, up is +Y) to those of the world.
+    /// Returns the transform from camera coordinates (looking along -Z, up is +Y) to world space.
     pub fn to_world(&self) -> Affine3A {
         let axes = glam::Mat3A::from_cols(self.right, self.up, -self.forward);
         Affine3A { matrix3: axes, translation: self.look_from }
     }
 
-    /// The angle in radians between neighbouring pixels in the middle of an image of `height` pixels; 0 of parallel rays.
+    /// Returns the angle in radians between neighbouring pixels in the middle of an image of `height` pixels;
+    /// 0 for parallel rays.
     pub fn pixel_spread(&self, height: usize) -> f32 {
         if self.is_orthographic { 0.0 } else { 2.0 * self.half_height / height as f32 }
     }
 
-    /// Whether its rays are parallel.
+    /// Returns whether its rays are parallel.
     pub fn is_orthographic(&self) -> bool {
         self.is_orthographic
     }
 
-    /// Half the image's height at distance 1; of parallel rays, at any distance, in metres.
+    /// Returns half the image's height: at distance 1, or in metres for parallel rays.
     pub fn half_height(&self) -> f32 {
         self.half_height
     }
 
-    /// Where the principal point is, right of and above the middle of the image, in half heights.
+    /// Returns the principal point's position right of and above the middle of the image, in half heights.
     pub fn principal_point(&self) -> Vec2 {
         self.principal_point
     }
 
-    /// Where a point of the world is in an image, as [`Self::ray`] has it; `None` behind the camera.
+    /// Projects a world-space point to the pixel coordinates of [`Self::ray`]; `None` behind the camera.
     pub fn project(&self, p: Vec3A, width: usize, height: usize) -> Option<Vec2> {
         let offset = p - self.look_from;
         let depth = offset.dot(self.forward);
@@ -141,7 +143,7 @@ impl Camera {
         (depth > 0.0).then(|| Vec2::new(0.5 * width as f32 + half * right, half - half * up))
     }
 
-    /// The ray through the point (`x`, `y`) of an image of `width` x `height` pixels.
+    /// Returns the ray through the point (`x`, `y`) of an image of `width` x `height` pixels.
     ///
     /// (0, 0) is the top left corner of the image; the centre of the first pixel is (0.5, 0.5).
     pub fn ray(&self, x: f32, y: f32, width: usize, height: usize) -> Ray {
@@ -156,8 +158,9 @@ impl Camera {
         Ray::new(self.look_from, (self.forward + right * self.right + up * self.up).normalize())
     }
 
-    /// A camera that sees all points: a three-quarter view, slightly from above, for an image of `aspect` times its height. It is as near as it can
-    /// be: points lie close to two opposite sides of the image. Without points it frames the cube from -1 to 1.
+    /// Creates a camera that sees all points: a three-quarter view, slightly from above, for an image of
+    /// aspect ratio `aspect`. It is as near as possible: points lie close to two opposite sides of the image.
+    /// Without points it frames the cube from -1 to 1.
     pub fn framing<I: Iterator<Item = Vec3A>>(points: impl Fn() -> I, aspect: f32) -> Self {
         const FOV: f32 = 35.0;
         const AZIMUTH: f32 = 35.0;
@@ -189,29 +192,31 @@ impl Camera {
         let [x, y] = [0, 1].map(|k| 0.5 * (upper[k] + lower[k]));
         let depth = [0, 1].map(|k| (upper[k] - lower[k]) / (2.0 * tangents[k])).into_iter().fold(depths[1], f64::max);
         let middle = 0.5 * (depths[0] + depths[1]);
-        // A single point has no extent to fit: any distance that f32 can tell from zero will do.
+        // A single point has no extent to fit: any distance that differs from zero in f32 works.
         let distance = (depth - middle).max(1e-4 * x.abs().max(y.abs()).max(middle.abs()));
         let distance = if distance > 0.0 { distance } else { 1e-3 };
         let at = |z: f64| (x * axes[0] + y * axes[1] + z * axes[2]).as_vec3a();
         Self::aimed(at(middle + distance), at(middle), FOV)
     }
 
-    /// [`Self::new`] for positions known to be good.
+    /// [`Self::new`] for arguments known to be valid.
     pub(super) fn aimed(look_from: Vec3A, look_at: Vec3A, vertical_fov: f32) -> Self {
         Self::new(look_from, look_at, vertical_fov).expect("distinct finite points and an angle below 180 degrees")
     }
 
-    /// Where the camera stands, in metres.
+    /// Returns the camera's position in metres.
     pub fn look_from(&self) -> Vec3A {
         self.look_from
     }
 
-    /// A point on the principal axis, in metres: that in the middle of the image, unless the principal point is elsewhere.
+    /// Returns a point on the principal axis, in metres; it is in the middle of the image, unless the
+    /// principal point is elsewhere.
     pub fn look_at(&self) -> Vec3A {
         self.look_at
     }
 
-    /// The vertical field of view in degrees, of an image whose principal point is in its middle; 0 of parallel rays.
+    /// Returns the vertical field of view in degrees, of an image whose principal point is in its middle; 0
+    /// for parallel rays.
     pub fn vertical_fov(&self) -> f32 {
         self.vertical_fov
     }
@@ -236,17 +241,17 @@ mod tests {
     }
 
     #[test]
-    fn straight_up_and_down_have_a_full_frame() {
-        for (y, top) in [(1.0, -Vec3A::Z), (-1.0, Vec3A::Z)] {
+    fn vertical_cameras_have_a_valid_frame() {
+        for (y, top) in [(1.0, Vec3A::Z), (-1.0, -Vec3A::Z)] {
             let camera = Camera::new(Vec3A::ZERO, Vec3A::new(0.0, y, 0.0), 60.0).unwrap();
             assert!(near(camera.ray(50.0, 50.0, 100, 100).direction, Vec3A::new(0.0, y, 0.0)));
             let above = camera.ray(50.0, 10.0, 100, 100).direction;
-            assert!(above.is_normalized() && above.dot(top).abs() > 0.1, "{above}");
+            assert!(above.is_normalized() && above.dot(top) > 0.1, "{above}");
         }
     }
 
     #[test]
-    fn nonsense_is_refused() {
+    fn invalid_camera_arguments_are_rejected() {
         assert!(Camera::new(Vec3A::ONE, Vec3A::ONE, 40.0).is_err());
         assert!(Camera::new(Vec3A::ONE, Vec3A::NAN, 40.0).is_err());
         assert!(Camera::new(Vec3A::ONE, Vec3A::ZERO, 180.0).is_err());
@@ -254,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn points_are_projected_to_where_their_ray_goes_through() {
+    fn projection_inverts_camera_rays() {
         let turn = glam::Quat::from_euler(glam::EulerRot::YXZ, 0.7, -0.3, 0.2);
         let to_world = Affine3A::from_rotation_translation(turn, glam::Vec3::new(2.0, 1.0, -3.0));
         let camera = Camera::of_photograph(to_world, 0.6, Vec2::new(0.3, -0.2)).unwrap();
@@ -272,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_rigid_motion_is_refused() {
+    fn invalid_photograph_cameras_are_rejected() {
         let good = Affine3A::from_rotation_y(0.4);
         assert!(Camera::of_photograph(good, 0.5, Vec2::ZERO).is_ok());
         for bad in [Affine3A::from_scale(glam::Vec3::splat(1.1)), Affine3A::from_scale(glam::Vec3::new(1.0, 1.0, -1.0))]
@@ -299,7 +304,7 @@ mod tests {
                     let of = |p: Vec2| p[k] / [width, height][k] as f32;
                     seen.iter().fold([1.0_f32, 0.0], |[low, high], &p| [low.min(of(p)), high.max(of(p))])
                 });
-                // Half of the margin on either side, and what f32 makes of positions at 5 km.
+                // Half of the margin on either side, and the f32 error of positions at 5 km.
                 let (free, slack) = (0.5 * (1.0 - 1.0 / FRAMING_MARGIN), 2e-3);
                 for [low, high] in sides {
                     assert!(low > free - slack && high < 1.0 - free + slack, "{sides:?}");
@@ -311,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn points_and_nothing_are_framed_too() {
+    fn single_points_and_empty_scenes_are_framed() {
         for points in [vec![], vec![Vec3A::splat(7.0)], vec![Vec3A::ZERO; 2]] {
             let camera = Camera::framing(|| points.iter().copied(), 1.0);
             assert!(camera.ray(1.0, 2.0, 4, 4).direction.is_normalized());

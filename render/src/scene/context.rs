@@ -1,4 +1,4 @@
-//! What samplers need to know about a scene.
+//! The scene as samplers see it.
 
 use super::Scene;
 use crate::{brdf::BrdfTable, spec::SceneContext};

@@ -1,7 +1,7 @@
 //! Copies by reference: a hierarchy for each mesh in its own coordinates, and one over the boxes of all copies.
 //!
-//! Rays visit the copies whose boxes they enter from near to far. Those of a batch that enter the same
-//! copy next are moved to its coordinates and traced together.
+//! Rays visit the copies whose boxes they enter from near to far. Rays of a batch that enter the same copy
+//! next are transformed to its coordinates and traced together.
 
 #[cfg(test)]
 mod tests;
@@ -17,7 +17,7 @@ use obvhs::{
 
 use super::{Bounds, Bvh, Hit, Mesh, OFFSET, Ray};
 
-/// A mesh that stands in many places.
+/// A mesh that has copies.
 struct Prototype {
     /// Index of the mesh in the scene.
     mesh: usize,
@@ -27,7 +27,7 @@ struct Prototype {
     bvh: Bvh,
 }
 
-/// A mesh in one of its places.
+/// One copy of a mesh.
 pub(super) struct Copy {
     /// Index of the prototype.
     prototype: usize,
@@ -38,7 +38,7 @@ pub(super) struct Copy {
 }
 
 impl Copy {
-    /// A ray in the coordinates of the mesh, and the length there of a metre along it.
+    /// Transforms a ray to mesh coordinates, and returns the length there of a metre along it.
     fn localize(&self, ray: &Ray) -> (Ray, f32) {
         let direction = self.to_mesh.transform_vector3a(ray.direction);
         let length = direction.length();
@@ -59,9 +59,10 @@ pub(super) struct Copies {
     bounds: Bounds,
 }
 
-/// Whether copies of a mesh can be placed by a transform: rays are moved back by its inverse.
+/// Returns whether a transform can place copies of a mesh: rays are transformed by its inverse.
 pub(super) fn is_placement(to_world: &Affine3A) -> bool {
-    /// The least volume of the moved unit cube, over that of a cube of its longest edge: flatter ones lose precision.
+    /// Smallest volume of the transformed unit cube, over that of a cube of its longest edge: flatter ones
+    /// lose precision.
     const LEAST_VOLUME: f32 = 1e-4;
     let m = to_world.matrix3;
     let longest = [m.x_axis, m.y_axis, m.z_axis].into_iter().fold(0.0_f32, |longest, axis| longest.max(axis.length()));
@@ -70,7 +71,7 @@ pub(super) fn is_placement(to_world: &Affine3A) -> bool {
 }
 
 impl Copies {
-    /// The copies of those meshes, of which each comes with its index in the scene.
+    /// Builds the copies of `meshes`, each given with its index in the scene.
     pub fn build<'a>(meshes: impl Iterator<Item = (usize, &'a Mesh)>) -> Self {
         let mut copies = Self::default();
         for (index, mesh) in meshes {
@@ -96,7 +97,7 @@ impl Copies {
                 bounds.extend(to_world.transform_point3(corner).into());
             }
             [bounds.min, bounds.max].into_iter().for_each(|corner| self.bounds.extend(corner.into()));
-            // Rays are moved to the mesh with some rounding errors: as in `Scene::surface`.
+            // Room for the rounding errors of transforming rays to the mesh, as in `Scene::surface`.
             let reach = bounds.min.abs().max(bounds.max.abs()).max_element();
             bounds = Aabb::new(bounds.min - 2.0 * OFFSET * reach, bounds.max + 2.0 * OFFSET * reach);
             let prototype = self.prototypes.len();
@@ -107,17 +108,17 @@ impl Copies {
         self.prototypes.push(Prototype { mesh: index, bvh: Bvh::build(&corners), triangles });
     }
 
-    /// The box around all copies.
+    /// Returns the box around all copies.
     pub fn bounds(&self) -> Bounds {
         self.bounds
     }
 
-    /// How many faces all copies have together.
+    /// Returns the number of faces of all copies.
     pub fn face_count(&self) -> usize {
         self.faces
     }
 
-    /// The mesh and the triangle of a face, and its copy.
+    /// Returns the mesh index and the triangle of a face, and its copy.
     pub fn face(&self, number: usize) -> (usize, usize, &Copy) {
         let copy = &self.copies[self.copies.partition_point(|copy| copy.first <= number) - 1];
         let prototype = &self.prototypes[copy.prototype];
@@ -134,7 +135,7 @@ impl Copies {
         self.visit(rays, &mut Occlusion { occluded, found: Vec::new() });
     }
 
-    /// Takes each ray through the copies whose boxes it enters.
+    /// Traces each ray through the copies whose boxes it enters.
     fn visit(&self, rays: &[Ray], query: &mut impl Query) {
         if self.copies.is_empty() {
             return;
@@ -193,21 +194,21 @@ struct Entry {
     copy: usize,
 }
 
-/// A ray, and its entries that are still to be visited.
+/// A ray and its entries still to be visited.
 struct Open {
     ray: usize,
     left: Range<usize>,
 }
 
-/// A ray's index with the ray in the coordinates of a mesh, and the length there of a metre along it.
+/// A ray's index, the ray in mesh coordinates, and the length there of a metre along it.
 type Local = (usize, (Ray, f32));
 
-/// What is asked of rays and meshes.
+/// A query for nearest hits or occlusion.
 trait Query {
-    /// The distance in metres beyond which a ray need not be traced.
+    /// Returns the distance in metres beyond which a ray need not be traced.
     fn limit(&self, ray: usize) -> f32;
 
-    /// Traces rays through the mesh of a copy whose first face has a number.
+    /// Traces rays through the mesh of the copy whose first face has the number `first`.
     fn ask(&mut self, bvh: &Bvh, first: usize, rays: &[Local]);
 }
 

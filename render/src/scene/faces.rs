@@ -8,7 +8,7 @@ use super::{
     mesh::{moved_tangent, normal_matrix},
 };
 
-/// Which mesh, and which of its triangles, a triangle of the hierarchy is.
+/// Mesh and triangle of a triangle in the hierarchy.
 #[derive(Clone, Copy, Debug)]
 struct Placed {
     mesh: u32,
@@ -26,7 +26,8 @@ pub(super) struct Faces {
 }
 
 impl Faces {
-    /// The triangles with an area of those meshes that have a mask, or of the others.
+    /// Collects the triangles with an area: those of meshes with a mask if `masked`, else those of the
+    /// others.
     pub fn build(meshes: &[Mesh], masked: bool) -> Self {
         let meshes = || meshes.iter().enumerate().filter(move |(_, mesh)| mesh.mask.is_some() == masked);
         let (mut placed, mut triangles) = (Vec::new(), Vec::new());
@@ -43,12 +44,12 @@ impl Faces {
         Self { placed, bvh: Bvh::build(&triangles), copies }
     }
 
-    /// How many there are.
+    /// Returns the number of triangles.
     pub fn count(&self) -> usize {
         self.placed.len() + self.copies.face_count()
     }
 
-    /// The box around all faces of the scene that has those meshes.
+    /// Returns the box around all faces; `meshes` are those of the scene.
     pub fn bounds(&self, meshes: &[Mesh]) -> Bounds {
         let mut bounds = self.copies.bounds();
         let placed = self.placed.iter().flat_map(|face| meshes[face.mesh as usize].corners(face.triangle as usize));
@@ -56,19 +57,19 @@ impl Faces {
         bounds
     }
 
-    /// The nearest hits of many rays; both slices have equal length.
+    /// Finds the nearest hits of many rays; both slices have equal length.
     pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         self.bvh.closest_batch(rays, hits);
         self.copies.add_hits(rays, hits, self.placed.len());
     }
 
-    /// Whether rays hit anything; both slices have equal length.
+    /// Tests whether rays hit anything; both slices have equal length.
     pub fn occluded_batch(&self, rays: &[Ray], occluded: &mut [bool]) {
         self.bvh.occluded_batch(rays, occluded);
         self.copies.add_occlusion(rays, occluded);
     }
 
-    /// A face of the scene that has those meshes.
+    /// Returns a face by its number; `meshes` are those of the scene.
     fn face<'a>(&'a self, meshes: &'a [Mesh], number: usize) -> Face<'a> {
         if let Some(&Placed { mesh, triangle, normal }) = self.placed.get(number) {
             let own = &meshes[mesh as usize];
@@ -97,7 +98,7 @@ pub(super) struct Face<'a> {
     pub triangle: usize,
     /// Unit normal on the side from which the corners are counter-clockwise, before a copy mirrors them.
     pub wound: Vec3A,
-    /// Where a copy stands; nothing for meshes in world space.
+    /// Transform of a copy; `None` for meshes in world space.
     to_world: Option<&'a Affine3A>,
 }
 
@@ -106,30 +107,30 @@ impl Face<'_> {
         self.mesh.triangles[self.triangle].map(|i| i as usize)
     }
 
-    /// Positions in metres.
+    /// Returns the positions of the corners in metres.
     pub fn corners(&self) -> [Vec3; 3] {
         let corners = self.mesh.corners(self.triangle);
         self.to_world.map_or(corners, |to_world| corners.map(|corner| to_world.transform_point3(corner)))
     }
 
-    /// Whether it belongs to a copy.
+    /// Returns whether it belongs to a copy.
     pub fn is_copied(&self) -> bool {
         self.to_world.is_some()
     }
 
-    /// The shading normal where the corners have some weights, of any length; nothing for flat shading.
+    /// Returns the shading normal at barycentric `weights`, of any length; `None` for flat shading.
     pub fn smooth_normal(&self, weights: [f32; 3]) -> Option<Vec3A> {
         let normals = &self.mesh.normals;
         let vertices = self.vertices();
         let normal = |k: usize| {
             let own = Vec3A::from(normals[vertices[k]]);
-            // As in a mesh in world space: of unit length before they are interpolated.
+            // As in world-space meshes, normals have unit length before they are interpolated.
             self.to_world.map_or(own, |to_world| (normal_matrix(to_world) * own).normalize_or_zero())
         };
         (!normals.is_empty()).then(|| (0..3).map(|k| weights[k] * normal(k)).sum())
     }
 
-    /// The tangent for a normal map, with the handedness of the bitangent in `w`.
+    /// Returns the tangent for a normal map, with the handedness of the bitangent in `w`.
     pub fn tangent(&self, space: &TangentSpace, uv: [Vec2; 3], weights: [f32; 3], normal: Vec3A) -> Vec4 {
         if space.tangents.is_empty() {
             return TangentSpace::of_triangle(self.corners(), uv, normal);
@@ -144,7 +145,7 @@ impl Face<'_> {
 }
 
 impl Scene {
-    /// The face of a number: opaque ones come first.
+    /// Returns a face by its number; opaque faces come first.
     pub(super) fn face(&self, number: usize) -> Face<'_> {
         match number.checked_sub(self.opaque.count()) {
             None => self.opaque.face(&self.meshes, number),

@@ -1,8 +1,9 @@
 //! Project files of fSpy, the program that finds a photograph's camera from its vanishing points.
 //!
-//! A file is `fspy`, three 32-bit little-endian numbers (version 1, bytes of the state, bytes of the image), the state as JSON, and the image
-//! as the file that was opened. Of the state only `cameraParameters` is read, which is `null` where vanishing points give no camera. Its
-//! image plane has the longer side of the image from -1 to 1, y upwards; the focal length and the principal point are in these units.
+//! A file is `fspy`, three 32-bit little-endian numbers (version 1, bytes of the state, bytes of the image),
+//! the state as JSON, and the image as the file that was opened. Only `cameraParameters` is read from the
+//! state; it is `null` where vanishing points give no camera. On its image plane, the longer side of the
+//! image is from -1 to 1, y upwards; the focal length and the principal point are in these units.
 
 use std::{io::Read, path::Path};
 
@@ -20,17 +21,18 @@ use crate::{
 const MAGIC: &[u8; 4] = b"fspy";
 const VERSION: u32 = 1;
 const HEADER: usize = 16;
-/// The most bytes of a file; photographs of 100 megapixels are smaller.
+/// Maximum size of a file in bytes; photographs of 100 megapixels are smaller.
 const MAX_BYTES: u64 = 1 << 30;
-/// The most bytes of the state, which is some thousand in practice.
+/// Maximum size of the state in bytes; in practice it is a few thousand.
 const MAX_STATE_BYTES: usize = 1 << 24;
 /// The largest width and height of an image.
 const MAX_SIDE: u32 = 1 << 16;
 
-/// Which axis of a project's world points up. fSpy leaves that to whoever names the vanishing points; its importer for Blender keeps the axes.
+/// The axis of a project's world that points up. fSpy leaves the choice to the user who names the vanishing
+/// points; its importer for Blender keeps the axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum UpAxis {
-    /// +Y, as here.
+    /// +Y, as in this crate.
     Y,
     /// +Z, as in Blender.
     #[default]
@@ -38,7 +40,7 @@ pub enum UpAxis {
 }
 
 impl UpAxis {
-    /// From the file's world to the one in which +Y is up.
+    /// Returns the rotation from the file's world to the one in which +Y is up.
     fn to_y_up(self) -> Mat3A {
         match self {
             Self::Y => Mat3A::IDENTITY,
@@ -48,7 +50,7 @@ impl UpAxis {
     }
 }
 
-/// A project: a camera and, mostly, its photograph.
+/// A project: a camera and usually its photograph.
 #[derive(Clone, Debug)]
 pub struct FspyProject {
     /// The camera in a world with +Y up. Lengths are in the unit of the file's reference distance.
@@ -61,7 +63,7 @@ pub struct FspyProject {
     pub image: Vec<u8>,
 }
 
-/// What is read of the state.
+/// The part of the state that is read.
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct State {
@@ -95,7 +97,7 @@ impl FspyProject {
     /// Reads a file whose world has the given axis up.
     ///
     /// # Errors
-    /// The file cannot be read, is no project of version 1, is cut off, or has no camera, or one without meaning.
+    /// When the file cannot be read, is not a project of version 1, is cut off, or has no valid camera.
     pub fn read(path: &Path, up: UpAxis) -> Result<Self> {
         let (file, size) = open_regular(path).map_err(|error| Error::io(path, error))?;
         if size > MAX_BYTES {
@@ -147,7 +149,7 @@ impl FspyProject {
         Ok(Self { camera, width, height, image: image.to_vec() })
     }
 
-    /// The bytes of a project with this camera and photograph, its world with the given axis up.
+    /// Encodes the project in a world with the given axis up.
     pub fn encode(&self, up: UpAxis) -> Vec<u8> {
         let state = self.state(up).to_string();
         let mut bytes = MAGIC.to_vec();
@@ -159,19 +161,19 @@ impl FspyProject {
         bytes
     }
 
-    /// The photograph.
+    /// Decodes the photograph.
     ///
     /// # Errors
-    /// There is none, or it is neither PNG nor JPEG.
+    /// When there is none, or it is neither PNG nor JPEG.
     pub fn photograph(&self) -> Result<Photograph> {
         if self.image.is_empty() {
             return Err(Error::argument("image", "the project holds none; name a photograph"));
         }
-        // Its camera is that of the stored pixels.
+        // The camera refers to the pixels as stored, without EXIF orientation.
         Photograph::decode_stored(&self.image).map_err(|reason| Error::argument("image", reason))
     }
 
-    /// A state that fSpy and its importers read: the camera, and settings under which nothing is computed anew.
+    /// Returns a state that holds the camera parameters only.
     fn state(&self, up: UpAxis) -> serde_json::Value {
         let (width, height) = (f64::from(self.width), f64::from(self.height));
         let half_height = half_height(width, height);
@@ -179,7 +181,7 @@ impl FspyProject {
         let point = half_height * self.camera.principal_point().as_dvec2();
         let turn = Affine3A { matrix3: up.to_y_up().transpose(), translation: Vec3A::ZERO };
         let to_world = self.camera.moved(&turn).to_world();
-        // The point that a direction of the world vanishes at.
+        // The vanishing point of a world direction.
         let vanishing = |axis: Vec3A| {
             let seen = to_world.inverse().transform_vector3a(axis).as_dvec3();
             serde_json::json!({ "x": point.x - focal * seen.x / seen.z, "y": point.y - focal * seen.y / seen.z })
@@ -192,7 +194,8 @@ impl FspyProject {
                 "principalPoint": { "x": point.x, "y": point.y },
                 "viewTransform": { "rows": rows(&to_world.inverse()) },
                 "cameraTransform": { "rows": rows(&to_world) },
-                // As fSpy has them: those of a landscape. Of a portrait, Blender's importer takes the first for the longer side.
+                // As in fSpy, these assume a landscape. For a portrait, Blender's importer takes the first as
+                // that of the longer side.
                 "horizontalFieldOfView": 2.0 * (1.0 / focal).atan(),
                 "verticalFieldOfView": 2.0 * (height / width / focal).atan(),
                 "vanishingPoints": [vanishing(Vec3A::X), vanishing(second.1), vanishing(top)],
@@ -212,7 +215,7 @@ impl Parameters {
             let reason = format!("{width} x {height} is no size of an image");
             return Err(Error::argument("cameraParameters.imageWidth", reason));
         }
-        // The field of view that is called horizontal is that of the longer side.
+        // `horizontalFieldOfView` is that of the longer side.
         let focal = self.relative_focal_length.unwrap_or_else(|| 1.0 / (0.5 * self.horizontal_field_of_view).tan());
         if !(focal > 0.0 && focal.is_finite()) {
             let reason = format!("{focal} is not a focal length");

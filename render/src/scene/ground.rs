@@ -4,12 +4,12 @@ use glam::{Vec3, Vec3A};
 
 use super::{MAX_COORDINATE, Material, Mesh, Scene};
 
-/// Half the width of the ground over the longest edge of the scene's bounds, at least: seen from the height of the scene its border is
-/// 8e-6 radians below the horizon, a fifth of a pixel of the largest images.
+/// Minimum half width of the ground over the longest edge of the scene's bounds: seen from the height of the
+/// scene, its border is 8e-6 radians below the horizon, 20 % of a pixel of the largest images.
 const REACH: f32 = 1.2e5;
 
-/// The width of a ring over that of what it surrounds. Positions on a triangle are as exact as its corners' coordinates: triangles are small where
-/// the scene is.
+/// Width of a ring over that of the square inside it. Positions on a triangle are as exact as its corners'
+/// coordinates, so triangles are small near the scene.
 const GROWTH: f32 = 2.0;
 
 /// Reflectance of the ground.
@@ -18,7 +18,7 @@ const ALBEDO: f32 = 0.5;
 impl Scene {
     /// Adds a grey diffuse ground (albedo 0.5) at the scene's lowest point, from horizon to horizon.
     ///
-    /// A scene without a camera gets the one that frames it without the ground, for an image of 4 : 3.
+    /// A scene without a camera gets one that frames it without the ground, for a 4:3 image.
     pub fn add_ground(&mut self) {
         let bounds = self.bounds();
         self.camera = Some(self.camera());

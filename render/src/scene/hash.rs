@@ -1,4 +1,4 @@
-//! A scene's content as a hash: what an image of it depends on besides camera and light.
+//! Hashes of a scene's content: everything that an image depends on besides camera and light.
 
 use blake3::Hasher;
 use glam::{Vec2, Vec3, Vec4};
@@ -6,8 +6,8 @@ use glam::{Vec2, Vec3, Vec4};
 use super::{Material, Mesh, Scene, Texture};
 
 impl Scene {
-    /// BLAKE3 of all triangles and alpha masks in hexadecimal: what visibility depends on, whatever the
-    /// surfaces are made of.
+    /// Returns the BLAKE3 hash (hexadecimal) of all triangles and alpha masks: everything that visibility
+    /// depends on, whatever the materials.
     pub fn geometry_hash(&self) -> String {
         let mut hasher = Hasher::new();
         for mesh in &self.meshes {
@@ -19,7 +19,8 @@ impl Scene {
         hasher.finalize().to_hex().to_string()
     }
 
-    /// BLAKE3 of all meshes and materials in hexadecimal: equal scenes have equal hashes, wherever they come from.
+    /// Returns the BLAKE3 hash (hexadecimal) of all meshes and materials: equal scenes have equal hashes,
+    /// whatever their source.
     pub fn content_hash(&self) -> String {
         let mut hasher = Hasher::new();
         for mesh in &self.meshes {
@@ -44,13 +45,13 @@ impl Scene {
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));
-        // What materials' indices stand for; none in a scene of analytic BRDFs.
+        // The BRDFs that materials index; none in a scene of analytic BRDFs.
         self.brdfs.added().for_each(|brdf| add(&mut hasher, format!("{brdf:?}").as_bytes()));
         hasher.finalize().to_hex().to_string()
     }
 }
 
-/// Adds a list with its length, so that neighbouring lists cannot be mistaken for one another.
+/// Adds a list with its length, so that adjacent lists cannot be confused.
 fn add(hasher: &mut Hasher, list: &[u8]) {
     hasher.update(&(list.len() as u64).to_le_bytes());
     hasher.update(list);
@@ -60,7 +61,7 @@ fn add_floats<const N: usize>(hasher: &mut Hasher, vectors: impl Iterator<Item =
     add(hasher, &vectors.flatten().flat_map(f32::to_le_bytes).collect::<Vec<_>>());
 }
 
-/// Adds where copies of a mesh stand; nothing for meshes in world space.
+/// Adds the transforms of a mesh's copies; nothing for meshes in world space.
 fn add_places(hasher: &mut Hasher, mesh: &Mesh) {
     if !mesh.places.is_empty() {
         add(hasher, b"places");
@@ -68,7 +69,7 @@ fn add_places(hasher: &mut Hasher, mesh: &Mesh) {
     }
 }
 
-/// Adds the alpha mask of a mesh and what it is evaluated on; nothing for opaque meshes.
+/// Adds the alpha mask of a mesh and the attributes it is evaluated on; nothing for opaque meshes.
 fn add_mask(hasher: &mut Hasher, mesh: &Mesh) {
     let Some(mask) = &mesh.mask else { return };
     add(hasher, format!("mask {:?} {:?}", mask.cutoff, mask.factor).as_bytes());
@@ -77,7 +78,7 @@ fn add_mask(hasher: &mut Hasher, mesh: &Mesh) {
     add_floats(hasher, mesh.alphas.iter().map(|&alpha| [alpha]));
 }
 
-/// Numbers by their shortest decimals that read back to the same bits, textures by their texels.
+/// Adds a material: numbers as the shortest decimals that round-trip, textures by their texels.
 fn add_material(hasher: &mut Hasher, material: &Material) {
     let Material::MetallicRoughness(textured) = material else {
         return add(hasher, format!("{material:?}").as_bytes());

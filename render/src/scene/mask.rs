@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3A};
 
 use super::{Hit, Mesh, OFFSET, Ray, Scene, texture::AlphaTexture};
 
-/// The most masked surfaces that one ray meets. The last one counts as opaque whatever its alpha:
+/// Maximum number of masked surfaces that one ray meets. The last one counts as opaque whatever its alpha:
 /// this bounds the time per ray, and few rays pass 255 layers.
 const MOST_LAYERS: usize = 256;
 
@@ -46,7 +46,7 @@ impl Mask {
 }
 
 impl Mesh {
-    /// The mesh with a mask. A mask that passes no ray is dropped, and a mesh without opaque points
+    /// Returns the mesh with a mask. A mask that passes no ray is dropped, and a mesh without opaque points
     /// loses its triangles.
     pub(super) fn with_mask(mut self, mask: Mask) -> Self {
         let [least, greatest] = mask.range(&self);

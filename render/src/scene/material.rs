@@ -1,4 +1,4 @@
-//! Surface materials: what the BRDF is at each point of a surface.
+//! Surface materials: the BRDF at each point of a surface.
 
 use std::{f32::consts::TAU, sync::Arc};
 
@@ -12,14 +12,14 @@ use super::{
 };
 use crate::brdf::{Ggx, Lambert, MAX_PARAMETERS, MetallicRoughness, Surface};
 
-/// What a surface is made of.
+/// A surface material.
 #[derive(Clone, Debug)]
 pub enum Material {
-    /// Ideal diffuse reflection of a linear Rec.709 albedo, which is brought into `[0, 1]`.
+    /// Ideal diffuse reflection of a linear Rec.709 albedo, clamped to `[0, 1]`.
     Diffuse(Vec3A),
     /// A rough mirror.
     Ggx {
-        /// Its width, which may change over the surface.
+        /// Trowbridge-Reitz width, which may vary over the surface.
         alpha: AlphaField,
         /// Reflectance per channel at normal incidence.
         f0: Vec3A,
@@ -32,35 +32,35 @@ pub enum Material {
     Neural(NeuralMaterial),
 }
 
-/// The point of a surface that a material is asked about.
+/// A point at which a material is evaluated.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SurfacePoint {
     /// Position in metres.
     pub p: Vec3A,
     /// Texture coordinates, v downwards, of the base colour; `None` where the surface has none.
     pub color_uv: Option<Vec2>,
-    /// The same of metalness and roughness.
+    /// Texture coordinates of metalness and roughness.
     pub roughness_uv: Option<Vec2>,
-    /// The same of emitted light.
+    /// Texture coordinates of emitted light.
     pub emission_uv: Option<Vec2>,
-    /// The colour of the vertices there, linear Rec.709, which multiplies the base colour.
+    /// Interpolated vertex colour, linear Rec.709, which multiplies the base colour.
     pub vertex_color: Option<Vec3A>,
-    /// How it is seen; neural materials alone need it.
+    /// View in the tangent frame; only neural materials use it.
     pub view: TangentView,
 }
 
 impl Material {
-    /// A diffuse material of a linear Rec.709 albedo.
+    /// Creates a diffuse material of a linear Rec.709 albedo.
     pub fn diffuse(albedo: Vec3A) -> Self {
         Self::Diffuse(albedo)
     }
 
-    /// Whether it reflects like Lambert's BRDF.
+    /// Returns whether it reflects like Lambert's BRDF.
     pub fn is_diffuse(&self) -> bool {
         matches!(self, Self::Diffuse(_))
     }
 
-    /// The map that its shading normals come from, if it has one.
+    /// Returns the normal map, if it has one.
     pub fn normal_map(&self) -> Option<&NormalMap> {
         match self {
             Self::MetallicRoughness(textured) => textured.normal_map.as_ref(),
@@ -68,12 +68,12 @@ impl Material {
         }
     }
 
-    /// Whether it emits light.
+    /// Returns whether it emits light.
     pub fn is_emissive(&self) -> bool {
         matches!(self, Self::MetallicRoughness(textured) if textured.emission != Vec3A::ZERO)
     }
 
-    /// The radiance that it emits at a point.
+    /// Returns the radiance that it emits at a point.
     pub fn emission(&self, at: &SurfacePoint) -> Vec3A {
         match self {
             Self::MetallicRoughness(textured) => match (&textured.emission_texture, at.emission_uv) {
@@ -84,7 +84,7 @@ impl Material {
         }
     }
 
-    /// The BRDF at a point.
+    /// Returns the BRDF at a point.
     pub fn surface(&self, at: &SurfacePoint) -> Surface {
         match self {
             Self::Diffuse(albedo) => Lambert { albedo: albedo.clamp(Vec3A::ZERO, Vec3A::ONE).into() }.into(),
@@ -96,7 +96,8 @@ impl Material {
     }
 }
 
-/// Factors and textures of glTF's metallic-roughness material. A texture is left out where the surface has no coordinates for it.
+/// Factors and textures of glTF's metallic-roughness material. Textures are ignored where the surface has no
+/// coordinates for them.
 #[derive(Clone, Debug)]
 pub struct TexturedMetallicRoughness {
     /// Linear Rec.709 base colour, which multiplies the texture.
@@ -118,7 +119,7 @@ pub struct TexturedMetallicRoughness {
 }
 
 impl Default for TexturedMetallicRoughness {
-    /// What glTF means where a material says nothing: a white metal as rough as can be.
+    /// Returns glTF's default: a white metal of roughness 1.
     fn default() -> Self {
         Self {
             base_color: Vec3A::ONE,
@@ -148,14 +149,15 @@ impl TexturedMetallicRoughness {
     }
 }
 
-/// The waves of an [`AlphaField`] along two directions, in periods across the scene. Neither is square to an axis, so no wall and
-/// no floor is of one width.
+/// The waves of an [`AlphaField`] along two directions, in periods across the scene. No component is zero, so
+/// that the width varies over every wall and floor.
 const WAVES: [Vec3A; 2] = [Vec3A::new(3.0, 1.0, 2.0), Vec3A::new(-1.0, 2.0, 3.0)];
 
 /// A Trowbridge-Reitz width that changes smoothly with the position in world space.
 ///
 /// With `q` the position relative to the scene's centre over its largest extent, and `a`, `b` two fixed directions, the width is
-/// `low + (high - low) (1/2 + sin(2 pi a . q) / 4 + sin(2 pi b . q) / 4)`: some three periods across the scene.
+/// `low + (high - low) (1/2 + sin(2 pi a . q) / 4 + sin(2 pi b . q) / 4)`: about three periods across the
+/// scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AlphaField {
     low: f32,
@@ -166,20 +168,20 @@ pub struct AlphaField {
 }
 
 impl AlphaField {
-    /// The field between `low` and `high` over a scene's bounds.
+    /// Creates a field between `low` and `high` over a scene's bounds.
     pub fn new(low: f32, high: f32, bounds: &Bounds) -> Self {
         let extent = bounds.extent().max_element();
-        // A scene without extent has one width: the middle.
+        // A scene without extent has a single width: the middle.
         let (center, frequency) = if extent > 0.0 { (bounds.center(), TAU / extent) } else { (Vec3A::ZERO, 0.0) };
         Self { low, high, center, frequency }
     }
 
-    /// The same width everywhere.
+    /// Creates a constant field.
     pub fn constant(alpha: f32) -> Self {
         Self { low: alpha, high: alpha, center: Vec3A::ZERO, frequency: 0.0 }
     }
 
-    /// The width at a position in metres.
+    /// Returns the width at a position in metres.
     pub fn at(&self, p: Vec3A) -> f32 {
         let q = (p - self.center) * self.frequency;
         let t = 0.5 + 0.25 * WAVES.iter().map(|wave| wave.dot(q).sin()).sum::<f32>();
@@ -192,7 +194,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_field_of_widths_reaches_both_ends_on_every_wall() {
+    fn alpha_field_spans_its_range_on_every_wall() {
         let bounds = Bounds { min: Vec3A::new(-3.0, 0.0, 10.0), max: Vec3A::new(5.0, 4.0, 16.0) };
         let field = AlphaField::new(0.2, 0.8, &bounds);
         let places = |k: u16| {
@@ -207,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_range_or_an_extent_there_is_one_width() {
+    fn alpha_field_is_constant_without_range_or_extent() {
         assert_eq!(AlphaField::constant(0.4).at(Vec3A::splat(7.0)), 0.4);
         assert_eq!(AlphaField::new(0.4, 0.4, &Bounds { min: Vec3A::ZERO, max: Vec3A::ONE }).at(Vec3A::X), 0.4);
         assert_eq!(AlphaField::new(0.25, 0.75, &Bounds::EMPTY).at(Vec3A::X), 0.5);

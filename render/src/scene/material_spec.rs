@@ -23,14 +23,14 @@ pub struct AlphaRange {
 }
 
 impl AlphaRange {
-    /// The only width, if there is only one.
+    /// Returns the width if there is only one.
     pub fn fixed(self) -> Option<f32> {
         (self.low == self.high).then_some(self.low)
     }
 }
 
-/// A material by its description, in configuration files as text. Analytic materials are grey, and white by default. Reading a description opens no
-/// file.
+/// A material specification, written as text in configuration files. Analytic materials are grey, and white
+/// by default. Parsing a specification does not open files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum MaterialSpec {
@@ -46,9 +46,10 @@ pub enum MaterialSpec {
         /// Reflectance at normal incidence in `[0, 1]`; 1 by default, so that F = 1.
         f0: f32,
     },
-    /// `nbrdf:FILE` of a file of one material, or `nbrdf:FILE#NAME,NAME,...`: measured materials. The meshes of a scene take them in turn.
+    /// Measured materials: `nbrdf:FILE` for a file of one material, or `nbrdf:FILE#NAME,NAME,...`. The meshes
+    /// of a scene take them in turn.
     Measured {
-        /// What [`crate::brdf::neural::read_networks`] reads.
+        /// A file for [`crate::brdf::neural::read_networks`].
         file: PathBuf,
         /// Names of materials; empty for the only one of the file.
         names: Vec<String>,
@@ -61,25 +62,25 @@ impl MaterialSpec {
     /// `lambert`.
     pub const LAMBERT: Self = Self::Lambert { albedo: 1.0 };
 
-    /// `ggx:alpha=LOW..HIGH`.
+    /// Returns `ggx:alpha=LOW..HIGH`.
     pub const fn ggx(low: f32, high: f32) -> Self {
         Self::Ggx { alpha: AlphaRange { low, high }, f0: 1.0 }
     }
 
-    /// Whether it is an analytic diffuse material.
+    /// Returns whether it is an analytic diffuse material.
     pub fn is_lambert(&self) -> bool {
         matches!(self, Self::Lambert { .. })
     }
 
-    /// Whether no surface keeps the material of its file.
+    /// Returns whether it replaces the materials of all surfaces.
     pub fn is_for_all(&self) -> bool {
         !matches!(self, Self::Neural(_))
     }
 
-    /// A scene of these materials. A range of widths goes up and down over `bounds` as [`AlphaField`] does.
+    /// Returns the scene with these materials. A range of widths varies over `bounds` as in [`AlphaField`].
     ///
     /// # Errors
-    /// A file cannot be read or does not hold what it is asked for.
+    /// When a file cannot be read or does not hold the requested materials.
     pub fn dress(&self, scene: Scene, bounds: &Bounds) -> Result<Scene> {
         Ok(match self {
             Self::Lambert { albedo } => scene.with_material(Material::diffuse(Vec3A::splat(*albedo))),
@@ -218,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_are_named() {
+    fn invalid_specifications_are_named_in_errors() {
         for (text, word) in [
             ("", "is none of lambert"),
             ("phong", "is none of lambert"),

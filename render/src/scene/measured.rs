@@ -13,10 +13,10 @@ use crate::{
     path_text::path_of,
 };
 
-/// Most names that an error lists.
+/// Maximum number of names that an error lists.
 const LISTED: usize = 8;
 
-/// File and names of what follows the colon; the names are behind the last number sign.
+/// Splits the text after the colon into file and names; the names follow the last `#`.
 pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), String> {
     let (file, names) = text.rsplit_once('#').map_or((text, None), |(file, names)| (file, Some(names)));
     if file.is_empty() {
@@ -29,10 +29,10 @@ pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), S
     Ok((path_of(file), names))
 }
 
-/// The materials of these names, in their order; the only one of the file if no name is given.
+/// Opens the materials of these names, in this order; without names, the only one of the file.
 ///
 /// # Errors
-/// The file cannot be read, or does not hold what it is asked for.
+/// When the file cannot be read, or does not hold the requested materials.
 pub fn open_measured(file: &Path, names: &[String]) -> Result<Vec<Arc<NeuralBrdf>>> {
     let networks = read_networks(file)?;
     let known = || {

@@ -5,7 +5,7 @@ use glam::{Affine3A, Mat3, Vec2, Vec3, Vec4};
 use super::{mask::Mask, normal_map::TangentSpace};
 use crate::error::{Error, Result};
 
-/// The largest coordinate, in metres: areas and squared lengths of everything smaller stay finite in f32.
+/// Largest coordinate, in metres: up to it, areas and squared lengths stay finite in f32.
 pub const MAX_COORDINATE: f32 = 1e9;
 
 /// Triangles of one material, in world space or as copies in several places.
@@ -17,9 +17,9 @@ pub struct Mesh {
     pub(super) normals: Vec<Vec3>,
     /// `[vertices]` texture coordinates, v downwards; empty where there are none.
     pub(super) texcoords: Vec<Vec2>,
-    /// The same for metalness and roughness, where they have coordinates of their own.
+    /// `[vertices]` texture coordinates of metalness and roughness, if not those of the base colour.
     pub(super) roughness_texcoords: Option<Vec<Vec2>>,
-    /// The same for emitted light, where it has coordinates of its own.
+    /// `[vertices]` texture coordinates of emitted light, if not those of the base colour.
     pub(super) emission_texcoords: Option<Vec<Vec2>>,
     /// `[vertices]` linear Rec.709 colours that multiply the material's base colour; empty where there are none.
     pub(super) colors: Vec<Vec3>,
@@ -27,21 +27,21 @@ pub struct Mesh {
     pub(super) alphas: Vec<f32>,
     /// The alpha test, if the mesh has both opaque and transparent points.
     pub(super) mask: Option<Mask>,
-    /// What a normal map needs, where the material has one.
+    /// Coordinates and tangents for the material's normal map, if it has one.
     pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
     pub(super) triangles: Vec<[u32; 3]>,
     /// Index into the scene's materials.
     pub(super) material: usize,
-    /// Where copies of it stand: transforms to world space, which can be inverted. If empty, the mesh is in world space.
+    /// Invertible transforms of its copies to world space. If empty, the mesh is in world space.
     pub(super) places: Vec<Affine3A>,
-    /// What the file calls it; empty where it has no name.
+    /// Name in the file; empty if it has none.
     pub(super) name: String,
 }
 
 impl Mesh {
-    /// A mesh of `[vertices]` positions (metres), shading normals and texture coordinates (each may be empty), and
-    /// `[triangles]` indices into them.
+    /// Creates a mesh of `[vertices]` positions (metres), shading normals and texture coordinates (each may
+    /// be empty), and `[triangles]` indices into them.
     ///
     /// # Errors
     /// When an index is out of range, an array has a wrong length, or a number is not finite (or beyond
@@ -75,7 +75,8 @@ impl Mesh {
         Ok(Self { positions, normals, texcoords, triangles, material, ..Self::default() })
     }
 
-    /// The mesh with texture coordinates `[vertices]` (or none) for metalness and roughness that are not those of the base colour.
+    /// Returns the mesh with texture coordinates `[vertices]` (or none) for metalness and roughness that are
+    /// not those of the base colour.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -85,7 +86,8 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The mesh with texture coordinates `[vertices]` (or none) for emitted light that are not those of the base colour.
+    /// Returns the mesh with texture coordinates `[vertices]` (or none) for emitted light that are not those
+    /// of the base colour.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -95,7 +97,7 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The mesh with coordinates and tangents (or none) for a normal map.
+    /// Returns the mesh with coordinates and tangents (or none) for a normal map.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -112,10 +114,10 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The mesh with linear Rec.709 colours `[vertices]` (or none) that multiply the base colour.
+    /// Returns the mesh with linear Rec.709 colours `[vertices]` (or none) that multiply the base colour.
     ///
     /// # Errors
-    /// When there are not as many as positions, or one is negative or not finite.
+    /// When there is not one per position, or one is negative or not finite.
     pub fn with_colors(mut self, colors: Vec<Vec3>) -> Result<Self> {
         let vertices = self.positions.len();
         if !colors.is_empty() && colors.len() != vertices {
@@ -128,7 +130,7 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The mesh with alphas `[vertices]` (or none) that multiply the alpha of its mask.
+    /// Returns the mesh with alphas `[vertices]` (or none) that multiply the alpha of its mask.
     ///
     /// # Errors
     /// When there is not one per position, or one is negative or not finite.
@@ -144,18 +146,19 @@ impl Mesh {
         Ok(self)
     }
 
-    /// The three corners of a triangle.
+    /// Returns the three corners of a triangle.
     pub fn corners(&self, triangle: usize) -> [Vec3; 3] {
         self.triangles[triangle].map(|i| self.positions[i as usize])
     }
 
-    /// Whether a triangle has no area, so that no ray can hit it and it has no normal.
+    /// Returns whether a triangle has no area, so that rays cannot hit it and it has no normal.
     pub fn is_degenerate(&self, triangle: usize) -> bool {
         let [a, b, c] = self.corners(triangle);
         (b - a).cross(c - a).try_normalize().is_none()
     }
 
-    /// The mesh moved by `transform`: normals by the inverse transpose, windings turned where it mirrors.
+    /// Returns the mesh moved by `transform`: normals by the inverse transpose, windings reversed if it
+    /// mirrors.
     pub fn transformed(mut self, transform: &Affine3A) -> Self {
         if !self.places.is_empty() {
             self.places.iter_mut().for_each(|place| *place = *transform * *place);
@@ -180,13 +183,14 @@ impl Mesh {
         self
     }
 
-    /// The positions of vertices in world space, of all copies.
+    /// Returns the vertex positions of all copies in world space.
     pub(super) fn world_positions(&self) -> impl Iterator<Item = Vec3> + '_ {
         let places = if self.places.is_empty() { &[Affine3A::IDENTITY] } else { self.places.as_slice() };
         places.iter().flat_map(|place| self.positions.iter().map(|&p| place.transform_point3(p)))
     }
 
-    /// Adds the triangles of `other`, which has the same attributes and neither colours, a mask, a normal map nor emission.
+    /// Adds the triangles of `other`, which has the same attributes and no colours, mask, normal map or
+    /// emission.
     pub(super) fn append(&mut self, other: &Self) {
         let first = self.positions.len() as u32;
         self.positions.extend(&other.positions);
@@ -210,10 +214,11 @@ fn check_texcoords(texcoords: &[Vec2], vertices: usize) -> Result<()> {
     }
 }
 
-/// What moves normals as `transform` moves points, up to a positive factor: the cofactor matrix, which is the inverse
-/// transpose times the determinant and exists for singular transforms too, with the determinant's sign taken out.
+/// Returns the matrix that moves normals as `transform` moves points, up to a positive factor: the cofactor
+/// matrix, which is the inverse transpose times the determinant and exists for singular transforms too, with
+/// the determinant's sign removed.
 ///
-/// The matrix is brought to unit scale first, so that its products neither overflow nor vanish.
+/// The matrix is scaled to unit size first, so that its products neither overflow nor vanish.
 pub(super) fn normal_matrix(transform: &Affine3A) -> Mat3 {
     let m = Mat3::from(transform.matrix3);
     let scale = m.to_cols_array().into_iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
@@ -222,7 +227,7 @@ pub(super) fn normal_matrix(transform: &Affine3A) -> Mat3 {
     if m.determinant() < 0.0 { cofactor * -1.0 } else { cofactor }
 }
 
-/// A tangent moved by `transform`, whose handedness turns where that mirrors.
+/// Returns a tangent moved by `transform`; its handedness flips if that mirrors.
 pub(super) fn moved_tangent(tangent: Vec4, transform: &Affine3A) -> Vec4 {
     let along = transform.transform_vector3(tangent.truncate()).normalize_or_zero();
     along.extend(if transform.matrix3.determinant() < 0.0 { -tangent.w } else { tangent.w })

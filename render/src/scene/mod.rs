@@ -5,17 +5,17 @@
 //! | `mod.rs` | scenes, hits and shadow rays |
 //! | `built_in/`, `gltf/`, `fspy.rs` | built-in scenes; glTF 2.0; cameras of fSpy projects |
 //! | `mesh.rs`, `ground.rs` | triangles; the ground plane |
-//! | `parts.rs` | scenes moved, divided by names and joined |
+//! | `parts.rs` | moving scenes, dividing them by mesh names and joining them |
 //! | `material.rs`, `material_spec.rs` | materials of surfaces; `--material` |
 //! | `measured.rs`, `neural.rs` | measured and neural materials in scenes |
 //! | `texture.rs`, `normal_map.rs` | textures; shading normals from a texture |
 //! | `camera.rs`, `ray.rs` | cameras; rays, hits and bounds |
 //! | `faces.rs` | the triangles that rays can hit |
 //! | `bvh.rs` | building the bounding volume hierarchy |
-//! | `wide.rs`, `wide/` | the hierarchy with eight children to a node, and its traversal |
-//! | `copies.rs` | meshes that stand in many places, by reference |
+//! | `wide.rs`, `wide/` | the eight-wide hierarchy and its traversal |
+//! | `copies.rs` | copies of meshes, by reference |
 //! | `mask.rs` | alpha masks |
-//! | `context.rs`, `hash.rs` | what samplers need of a scene; its content as a hash |
+//! | `context.rs`, `hash.rs` | the scene as samplers see it; content hashes |
 
 mod built_in;
 mod bvh;
@@ -64,14 +64,15 @@ use crate::{
     tile::{ShadingPoint, Tile},
 };
 
-/// Distance by which a point lies above its surface, over the largest coordinate involved.
+/// Offset of a point above its surface, relative to the largest coordinate involved.
 ///
-/// A point of a triangle is off its plane by at most 7 rounding errors (6e-8) of the largest coordinate of the corners (Pharr, Jakob and
-/// Humphreys, "Physically Based Rendering", section 6.8.5), and the intersection of a ray from there with the same plane by a few more: 16 of them
-/// leave a margin. The scene's size has no part in it, so that a ground may reach to the horizon.
+/// A point of a triangle is off its plane by at most 7 rounding errors (6e-8) of the largest corner
+/// coordinate (Pharr, Jakob and Humphreys, "Physically Based Rendering", section 6.8.5); intersecting a ray
+/// from there with the same plane adds a few more. 16 of them leave a margin. The offset does not depend on
+/// the scene's size, so that a ground plane can reach the horizon.
 const OFFSET: f32 = 1e-6;
 
-/// The least cosine between the shading normal and the viewer.
+/// Smallest cosine between the shading normal and the view direction.
 const MIN_COSINE: f32 = 1e-2;
 
 /// Triangles with materials under a bounding volume hierarchy, seen by a camera.
@@ -79,24 +80,25 @@ pub struct Scene {
     name: String,
     meshes: Vec<Mesh>,
     materials: Vec<Material>,
-    /// What the materials' surfaces refer to.
+    /// The BRDFs that surfaces refer to.
     brdfs: BrdfTable,
     camera: Option<Camera>,
-    /// All cameras of the file by their names.
+    /// All cameras of the file with their names.
     cameras: Vec<(String, Camera)>,
-    /// What the file has that is not shown, and what was converted.
+    /// Features of the file that are ignored or converted.
     remarks: Vec<Remark>,
     opaque: Faces,
-    /// Numbered after the opaque ones.
+    /// The masked triangles, numbered after the opaque ones.
     masked: Faces,
     bounds: Bounds,
 }
 
 impl Scene {
-    /// A scene of meshes whose material indices point into `materials`. Triangles without area are left out.
+    /// Creates a scene of meshes whose material indices point into `materials`. Triangles without area are
+    /// left out.
     ///
     /// # Errors
-    /// When a mesh names a material that is not there, or there are more than [`Bvh::MOST_TRIANGLES`].
+    /// When a material index is out of range, or there are more than [`Bvh::MOST_TRIANGLES`] triangles.
     pub fn new(
         name: impl Into<String>,
         mut meshes: Vec<Mesh>,
@@ -131,21 +133,23 @@ impl Scene {
         Ok(scene)
     }
 
-    /// The built-in scene of that name; see [`built_in_names`].
+    /// Returns the built-in scene called `name`; see [`built_in_names`].
     pub fn built_in(name: &str) -> Option<Self> {
         built_in::build(name)
     }
 
-    /// Opens a built-in scene by its name, or else a glTF 2.0 file; `FILE#SCENE` is the scene of that name or number in the file.
+    /// Opens a built-in scene by name, or else a glTF 2.0 file; `FILE#SCENE` selects a scene of the file by
+    /// name or number.
     ///
     /// # Errors
-    /// As [`Self::load`]; when there is neither, the error lists the built-in names.
+    /// As [`Self::load`]; if there is neither such a file nor such a scene, the error lists the built-in
+    /// names.
     pub fn open(name_or_path: &str) -> Result<Self> {
         Self::open_dressed(name_or_path, true)
     }
 
-    /// [`Self::open`]; without `materials`, those of a file are not read, because others will take their place. Alpha
-    /// masks are: see [`LoadOptions::materials`].
+    /// Opens a scene as [`Self::open`] does; without `materials`, the file's materials are not read, because
+    /// others will replace them. Alpha masks are read in any case; see [`LoadOptions::materials`].
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -166,7 +170,7 @@ impl Scene {
         Self::load_with(path, &LoadOptions { scene, materials })
     }
 
-    /// Makes the hierarchies fit the meshes.
+    /// Rebuilds the hierarchies and the bounds from the meshes.
     fn rebuild(&mut self) {
         self.opaque = Faces::build(&self.meshes, false);
         self.masked = Faces::build(&self.meshes, true);
@@ -174,19 +178,19 @@ impl Scene {
         self.bounds = opaque.union(&masked);
     }
 
-    /// The same geometry, with its alpha masks, all of it of one material.
+    /// Returns the same geometry and alpha masks with a single material.
     #[must_use]
     pub fn with_material(mut self, material: Material) -> Self {
         self.materials.fill(material);
         self
     }
 
-    /// Whether all surfaces reflect like Lambert's BRDF.
+    /// Returns whether all surfaces reflect like Lambert's BRDF.
     pub fn is_diffuse(&self) -> bool {
         self.meshes.iter().all(|mesh| self.materials[mesh.material].is_diffuse())
     }
 
-    /// Computes tables that materials need and no scene had before in this process, so that no first pixel waits for them.
+    /// Computes the tables that materials need, once per process, so that no first pixel waits for them.
     pub fn prepare_materials(&self) {
         let is_mixture = |mesh: &Mesh| matches!(self.materials[mesh.material], Material::MetallicRoughness(_));
         if self.meshes.iter().any(is_mixture) {
@@ -194,40 +198,41 @@ impl Scene {
         }
     }
 
-    /// The built-in name, or the file's name without its extension.
+    /// Returns the built-in name, or the file name without its extension.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The box around all triangles, in metres.
+    /// Returns the box around all triangles, in metres.
     pub fn bounds(&self) -> Bounds {
         self.bounds
     }
 
-    /// How many triangles rays can hit, masked ones included.
+    /// Returns the number of triangles that rays can hit, masked ones included.
     pub fn triangle_count(&self) -> usize {
         self.opaque.count() + self.masked.count()
     }
 
-    /// The corners (metres) of the triangles that rays can hit: opaque ones, then those with alpha masks.
+    /// Returns the corners (metres) of the triangles that rays can hit: opaque ones, then those with alpha
+    /// masks.
     pub fn triangles(&self) -> impl Iterator<Item = [Vec3; 3]> + '_ {
         (0..self.triangle_count()).map(|number| self.face(number).corners())
     }
 
-    /// What its file has that is not shown, and what was converted.
+    /// Returns remarks on features of the file that are ignored or converted.
     pub fn remarks(&self) -> &[Remark] {
         &self.remarks
     }
 
-    /// The names of the file's cameras, in order; empty ones have none.
+    /// Returns the names of the file's cameras, in order; empty for unnamed ones.
     pub fn camera_names(&self) -> impl Iterator<Item = &str> {
         self.cameras.iter().map(|(name, _)| name.as_str())
     }
 
-    /// Makes the camera of a name, or of a number in the file's order, the scene's own.
+    /// Selects the file's camera of that name, or of that number in the file's order.
     ///
     /// # Errors
-    /// [`Error::Argument`] with the names if there is none.
+    /// [`Error::Argument`] that lists the names if there is no such camera.
     pub fn use_camera(&mut self, name: &str) -> Result<()> {
         let numbered = || self.cameras.get(name.parse::<usize>().ok()?);
         let found = self.cameras.iter().find(|(own, _)| own == name).or_else(numbered);
@@ -242,25 +247,27 @@ impl Scene {
         Ok(())
     }
 
-    /// The scene's own camera, or one that frames it for an image of 4 : 3.
+    /// Returns the scene's camera, or one that frames it for a 4:3 image.
     pub fn camera(&self) -> Camera {
         self.camera_for(4.0 / 3.0)
     }
 
-    /// The scene's own camera, or one that frames it for an image of `aspect` times its height.
+    /// Returns the scene's camera, or one that frames it for an image of aspect ratio `aspect`.
     pub fn camera_for(&self, aspect: f32) -> Camera {
         self.camera.unwrap_or_else(|| Camera::framing(|| self.triangles().flatten().map(Vec3A::from), aspect))
     }
 
-    /// The nearest surface along a ray, as seen from the ray's origin: both normals are on the viewer's side.
+    /// Returns the nearest surface along a ray, as seen from the ray's origin: both normals are on the
+    /// viewer's side.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
         let mut hits = [None];
         self.closest_batch(std::slice::from_ref(ray), &mut hits);
         Some(self.surface(ray, &hits[0]?, 0.0))
     }
 
-    /// [`Self::intersect`] of many rays: fills a tile with what they hit, and `indices` with the rays that hit something, in order. `key` gives
-    /// the key of a ray's shading point; `spread` is the angle in radians by which rays of a pixel are apart.
+    /// Intersects many rays: fills a tile with the surfaces hit and appends to `indices` the rays that hit
+    /// something, in order. `key` returns the key of a ray's shading point; `spread` is the angle in radians
+    /// between the rays of neighbouring pixels.
     pub fn intersect_batch(
         &self,
         rays: &[Ray],
@@ -272,7 +279,8 @@ impl Scene {
         self.intersect_and_emit(rays, spread, key, tile, indices, None);
     }
 
-    /// [`Self::intersect_batch`], which also adds the radiance that each surface emits, if there is where to.
+    /// [`Self::intersect_batch`] that also appends the radiance emitted by each surface to `emission`, if
+    /// given.
     pub(crate) fn intersect_and_emit(
         &self,
         rays: &[Ray],
@@ -282,7 +290,7 @@ impl Scene {
         indices: &mut Vec<usize>,
         mut emission: Option<&mut Vec<Vec3A>>,
     ) {
-        /// So many hits are on the stack at a time.
+        /// Hits on the stack at a time.
         const CHUNK: usize = 256;
         tile.clear(&self.brdfs);
         for (chunk, rays) in rays.chunks(CHUNK).enumerate() {
@@ -302,12 +310,12 @@ impl Scene {
         }
     }
 
-    /// Whether a material emits light.
+    /// Returns whether any material emits light.
     pub fn is_emissive(&self) -> bool {
         self.materials.iter().any(Material::is_emissive)
     }
 
-    /// The radiance that a surface emits where it was hit.
+    /// Returns the radiance emitted at a hit.
     fn emission(&self, hit: &Hit) -> Vec3A {
         let face = self.face(hit.triangle);
         let (mesh, vertices) = (face.mesh, face.vertices());
@@ -317,7 +325,7 @@ impl Scene {
         self.materials[mesh.material].emission(&SurfacePoint { emission_uv, ..SurfacePoint::default() })
     }
 
-    /// The nearest hits of many rays; both slices have equal length.
+    /// Finds the nearest hits of many rays; both slices have equal length.
     pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
         self.opaque.closest_batch(rays, hits);
         if self.masked.count() > 0 {
@@ -325,17 +333,17 @@ impl Scene {
         }
     }
 
-    /// The BRDFs that surfaces refer to.
+    /// Returns the BRDFs that surfaces refer to.
     pub fn brdfs(&self) -> &BrdfTable {
         &self.brdfs
     }
 
-    /// The number of the mesh that was hit.
+    /// Returns the index of the mesh that was hit.
     pub(crate) fn mesh_of(&self, hit: &Hit) -> usize {
         self.face(hit.triangle).number
     }
 
-    /// The surface that a ray hits, one of many that are `spread` radians apart.
+    /// Returns the surface that a ray hits; rays of neighbouring pixels are `spread` radians apart.
     pub(crate) fn surface(&self, ray: &Ray, hit: &Hit, spread: f32) -> ShadingPoint {
         let face = self.face(hit.triangle);
         let (mesh, vertices) = (face.mesh, face.vertices());
@@ -344,12 +352,12 @@ impl Scene {
         let wo = -ray.direction;
         let wound = face.wound;
         let ng = if wound.dot(wo) < 0.0 { -wound } else { wound };
-        // From the corners, not from the ray: its error does not grow with the distance. It is that of the corners, also where the point itself
-        // is near the origin.
+        // From the corners, not along the ray, so that the error does not grow with the distance. It scales
+        // with the corners' coordinates even where the point itself is near the origin.
         let corners = face.corners();
         let [a, b, c] = corners.map(Vec3A::from);
         let reach = a.abs().max(b.abs()).max(c.abs()).max_element();
-        // Corners of copies, and rays that are moved to them, have twice the error.
+        // Corners of copies, and rays transformed to them, have twice the error.
         let offset = if face.is_copied() { 2.0 * OFFSET } else { OFFSET };
         let p = weights[0] * a + weights[1] * b + weights[2] * c + (offset * reach) * ng;
         let interpolated = face.smooth_normal(weights);
@@ -365,7 +373,7 @@ impl Scene {
                 let uv = vertices.map(|i| space.texcoords[i]);
                 let tangent = face.tangent(space, uv, weights, outside);
                 let bent = map.bend(outside, tangent, (0..3).map(|k| weights[k] * uv[k]).sum());
-                // The map speaks of the outside; from within, the whole normal is turned.
+                // The map is defined on the outside; seen from inside, the whole normal is flipped.
                 let bent = if outside.dot(ng) < 0.0 { -bent } else { bent };
                 if bent.dot(ng) > 0.0 { bent } else { smooth }
             }
@@ -392,15 +400,17 @@ impl Scene {
         ShadingPoint { p, ng, ns, wo, surface }
     }
 
-    /// The ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is above it.
+    /// Returns the ray that leaves a surface at `p` (metres) of geometric normal `ng` towards `wi`, which is
+    /// above it.
     ///
-    /// Points of surfaces lie above them already by more than their own error; what is added here is the error of a `p` that was moved since.
+    /// Shading points already lie above their surface by more than their own error; the offset added here is
+    /// for the error of a `p` that was moved since.
     #[inline]
     pub fn leaving(&self, p: Vec3A, ng: Vec3A, wi: Vec3A) -> Ray {
         Ray::new(p + (OFFSET * p.abs().max_element()) * ng, wi)
     }
 
-    /// Whether the environment is seen along rays; both slices have equal length.
+    /// Tests whether rays reach the environment; both slices have equal length.
     pub fn visible_batch(&self, rays: &[Ray], out: &mut [bool]) {
         self.opaque.occluded_batch(rays, out);
         if self.masked.count() > 0 {
@@ -410,7 +420,8 @@ impl Scene {
     }
 }
 
-/// The interpolated normal turned to the viewer's side, bent where it still faces away, given up where it is degenerate.
+/// Returns the interpolated normal on the viewer's side, bent towards the viewer where it still faces away,
+/// or `ng` where it is degenerate.
 fn shading_normal(interpolated: Vec3A, ng: Vec3A, wo: Vec3A) -> Vec3A {
     let Some(ns) = interpolated.try_normalize() else { return ng };
     let ns = if ns.dot(ng) < 0.0 { -ns } else { ns };
@@ -418,7 +429,7 @@ fn shading_normal(interpolated: Vec3A, ng: Vec3A, wo: Vec3A) -> Vec3A {
     if cosine >= MIN_COSINE {
         return ns;
     }
-    // Near silhouettes: as close to the interpolated normal as the viewer can see it.
+    // Near silhouettes: bent just far enough to face the viewer.
     match (ns + (MIN_COSINE - cosine) * wo).try_normalize() {
         Some(bent) if bent.dot(wo) > 0.0 && bent.dot(ng) > 0.0 => bent,
         _ => ng,

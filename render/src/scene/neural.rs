@@ -1,4 +1,5 @@
-//! Neural materials on surfaces: `neural:FILE[,repeat=N][,on=NAME]`, tangent frames, and how large a pixel is on a texture.
+//! Neural materials on surfaces: `neural:FILE[,repeat=N][,on=NAME]`, tangent frames, and pixel footprints on
+//! textures.
 
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 
@@ -12,10 +13,10 @@ use crate::{
     path_text::{path_of, text_of},
 };
 
-/// The name of the meshes that take a neural material where none is asked for.
+/// Name of the meshes that take a neural material by default.
 const FABRIC: &str = "fabric";
 
-/// Most names that an error lists.
+/// Maximum number of names that an error lists.
 const LISTED: usize = 12;
 
 /// A neural material on surfaces with texture coordinates.
@@ -29,7 +30,7 @@ pub struct NeuralMaterial {
 }
 
 impl NeuralMaterial {
-    /// The BRDF at a point.
+    /// Returns the BRDF at a point.
     pub(super) fn at(&self, at: &SurfacePoint) -> Surface {
         let TangentView { wo, width, tangent } = at.view;
         let uv = self.repeat * at.color_uv.unwrap_or_default();
@@ -37,7 +38,7 @@ impl NeuralMaterial {
         Surface { brdf: self.brdf, parameters: self.texture.parameters(&seen) }
     }
 
-    /// The same in a table where it comes so much later.
+    /// Returns the material with its table index increased by `later`.
     pub(super) fn renumbered(&self, later: u32) -> Self {
         Self { brdf: self.brdf + later, ..self.clone() }
     }
@@ -61,16 +62,18 @@ impl Default for TangentView {
 }
 
 impl TangentView {
-    /// The view of a triangle with coordinates `uv`, where the shading normal is `n`, by a pixel that is `pixel` metres wide at that distance.
+    /// Returns the view of a triangle with coordinates `uv`, where the shading normal is `n`, by a pixel that
+    /// is `pixel` metres wide at that distance.
     ///
-    /// Coordinates that do not span the triangle give an arbitrary tangent and the finest detail. The footprint is taken to be round: its
-    /// variance is that of a square pixel, enlarged by the obliquity (one over the cosine, in area).
+    /// Coordinates that do not span the triangle give an arbitrary tangent and the finest detail. The
+    /// footprint is assumed to be round: its variance is that of a square pixel, enlarged by the obliquity
+    /// (one over the cosine, in area).
     pub(super) fn new(corners: [Vec3; 3], uv: [Vec2; 3], n: Vec3A, wo: Vec3A, pixel: f32) -> Self {
         let (n, wo) = (Vec3::from(n), Vec3::from(wo));
         let [a, b] = [corners[1] - corners[0], corners[2] - corners[0]];
         let [s, t] = [uv[1] - uv[0], uv[2] - uv[0]];
         let area = s.perp_dot(t);
-        // Cramer's rule without the determinant's size: only its sign matters to directions.
+        // Cramer's rule without the determinant's magnitude: only its sign affects directions.
         let along_u = area.signum() * (a * t.y - b * s.y);
         let along_v = area.signum() * (b * s.x - a * t.x);
         let frame = Frame::from_normal(n);
@@ -88,22 +91,23 @@ impl TangentView {
     }
 }
 
-/// What is written behind `neural:`.
+/// The specification after `neural:`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeuralSpec {
     /// A file of [`NeuralTexture`].
     pub file: PathBuf,
     /// Tiles per unit of the texture coordinates; 1 by default.
     pub repeat: f32,
-    /// The name of the meshes that take it. By default those called `fabric`, and if there are none, all with texture coordinates.
+    /// The name of the meshes that take it. By default those called `fabric`, or if there are none, all with
+    /// texture coordinates.
     pub on: Option<String>,
 }
 
 impl NeuralSpec {
-    /// A scene with the material on the meshes that take it.
+    /// Returns the scene with the material on the meshes that take it.
     ///
     /// # Errors
-    /// When the file cannot be read, or there is no mesh that could take it.
+    /// When the file cannot be read, or no mesh can take it.
     pub(super) fn dress(&self, mut scene: Scene) -> Result<Scene> {
         let texture = Arc::new(NeuralTexture::read(&self.file)?);
         let name = self.on.as_deref().unwrap_or(FABRIC);

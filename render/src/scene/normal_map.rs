@@ -6,8 +6,8 @@ use glam::{Vec2, Vec3, Vec3A, Vec4};
 
 use super::texture::Texture;
 
-/// A normal map of glTF: red is along the tangent, green along the bitangent (up in the texture), blue along the normal; 0 to 1 stand
-/// for -1 to 1.
+/// A normal map of glTF: red is along the tangent, green along the bitangent (up in the texture), blue along
+/// the normal; 0 to 1 represent -1 to 1.
 #[derive(Clone, Debug)]
 pub struct NormalMap {
     /// The texture, linear.
@@ -17,8 +17,8 @@ pub struct NormalMap {
 }
 
 impl NormalMap {
-    /// The unit normal at texture coordinates `uv` of a surface of unit `normal`, with the tangent's handedness in `w`; the normal
-    /// itself where the tangent is parallel to it.
+    /// Returns the unit normal at texture coordinates `uv` of a surface of unit `normal`, with the tangent's
+    /// handedness in `w`; the normal itself where the tangent is parallel to it.
     pub fn bend(&self, normal: Vec3A, tangent: Vec4, uv: Vec2) -> Vec3A {
         let Some(along) = Vec3A::from(tangent.truncate()).reject_from_normalized(normal).try_normalize() else {
             return normal;
@@ -30,22 +30,24 @@ impl NormalMap {
     }
 }
 
-/// What a mesh with a normal map has besides its normals.
+/// Attributes of a mesh with a normal map, besides its normals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TangentSpace {
     /// `[vertices]` texture coordinates of the normal map, v downwards.
     pub texcoords: Vec<Vec2>,
-    /// `[vertices]` tangents, with the handedness of the bitangent in `w`; empty where they follow from the coordinates.
+    /// `[vertices]` tangents, with the handedness of the bitangent in `w`; empty if derived from the
+    /// coordinates.
     pub tangents: Vec<Vec4>,
 }
 
 impl TangentSpace {
-    /// The tangent of a triangle of the given corners and coordinates: the direction in which u grows, and in `w` the side
-    /// of `normal x tangent` to which v *decreases*. Zero where the coordinates do not span the triangle.
+    /// Returns the tangent of a triangle of the given corners and coordinates: the direction in which u
+    /// grows, and in `w` the side of `normal x tangent` to which v *decreases*. Zero where the coordinates do
+    /// not span the triangle.
     pub fn of_triangle(corners: [Vec3; 3], uv: [Vec2; 3], normal: Vec3A) -> Vec4 {
         let [a, b] = [corners[1] - corners[0], corners[2] - corners[0]].map(Vec3A::from);
         let [s, t] = [uv[1] - uv[0], uv[2] - uv[0]];
-        // Cramer's rule without the determinant's size: only its sign matters to a direction.
+        // Cramer's rule without the determinant's magnitude: only its sign affects a direction.
         let sign = s.perp_dot(t).signum();
         let along_u = sign * (a * t.y - b * s.y);
         let along_v = sign * (b * s.x - a * t.x);
@@ -78,7 +80,7 @@ mod tests {
         let half = std::f32::consts::FRAC_1_SQRT_2;
         for (mirrored, side) in [(false, half), (true, -half)] {
             let right = leaning(255, 128).bend(Vec3A::Z, tangent(mirrored), Vec2::ZERO);
-            // 128 stands for 0.004.
+            // 128 represents 0.004.
             assert!((right - Vec3A::new(side, 0.0, half)).length() < 5e-3, "{mirrored}: {right}");
             let up = leaning(128, 255).bend(Vec3A::Z, tangent(mirrored), Vec2::ZERO);
             assert!((up - Vec3A::new(0.0, half, half)).length() < 5e-3, "{mirrored}: {up}");

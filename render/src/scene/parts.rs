@@ -1,4 +1,4 @@
-//! Scenes that are moved, divided by the names of their meshes, and joined.
+//! Moving scenes, dividing them by mesh names, and joining them.
 
 use std::{collections::BTreeSet, sync::Arc};
 
@@ -11,15 +11,15 @@ use crate::{
 };
 
 impl Scene {
-    /// The names of the meshes, in order and without those that have none.
+    /// Returns the names of the meshes, sorted; unnamed meshes are skipped.
     pub fn mesh_names(&self) -> BTreeSet<&str> {
         self.meshes.iter().map(|mesh| mesh.name.as_str()).filter(|name| !name.is_empty()).collect()
     }
 
-    /// The same surfaces moved, without the camera.
+    /// Returns the moved surfaces, without the camera.
     ///
     /// # Errors
-    /// When that takes a corner beyond [`MAX_COORDINATE`].
+    /// When a corner moves beyond [`MAX_COORDINATE`].
     pub fn moved(&self, motion: &Affine3A) -> Result<Self> {
         let meshes: Vec<Mesh> = self.meshes.iter().map(|mesh| mesh.clone().transformed(motion)).collect();
         let is_far = |p: &Vec3| !p.abs().cmple(Vec3::splat(MAX_COORDINATE)).all();
@@ -29,7 +29,7 @@ impl Scene {
         self.with_meshes(meshes, None)
     }
 
-    /// The meshes of that name, and all others.
+    /// Splits the scene into the meshes called `name` and all others.
     ///
     /// # Errors
     /// When no mesh has the name, or all have it; the error lists the names.
@@ -47,7 +47,7 @@ impl Scene {
         Ok((self.with_meshes(named, None)?, self.with_meshes(others, self.camera)?))
     }
 
-    /// This scene's meshes, then those of `other`.
+    /// Returns a scene of this scene's meshes followed by those of `other`.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -67,7 +67,7 @@ impl Scene {
         Ok(joined)
     }
 
-    /// A square of `width` metres around a point, seen from the side of `normal`; white and diffuse.
+    /// Creates a white diffuse square of `width` metres around `center` that faces `normal`.
     ///
     /// # Errors
     /// When `normal` has no direction or the square reaches beyond [`MAX_COORDINATE`].
@@ -76,7 +76,7 @@ impl Scene {
             return Err(Error::argument("plane", format!("{normal} is no normal")));
         };
         let (a, b) = n.any_orthonormal_pair();
-        // Counter-clockwise as seen from where the normal points to.
+        // Counter-clockwise as seen from the side of the normal.
         let (a, b) = if a.cross(b).dot(n) > 0.0 { (a, b) } else { (b, a) };
         let corner = |x: f32, y: f32| Vec3::from(center + 0.5 * width * (x * a + y * b));
         let positions = vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
@@ -84,15 +84,15 @@ impl Scene {
         Self::new("plane", vec![mesh], vec![Material::diffuse(Vec3A::ONE)], None)
     }
 
-    /// How many meshes there are.
+    /// Returns the number of meshes.
     pub(crate) fn mesh_count(&self) -> usize {
         self.meshes.len()
     }
 
-    /// The same geometry of BRDFs without parameters, which the meshes take in turn.
+    /// Returns the same geometry with BRDFs without parameters, which the meshes take in turn.
     ///
     /// # Panics
-    /// If there is none.
+    /// If `brdfs` is empty.
     #[must_use]
     pub fn with_brdfs(mut self, brdfs: Vec<Arc<dyn Brdf>>) -> Self {
         assert!(!brdfs.is_empty(), "a scene is made of something");
@@ -108,7 +108,7 @@ impl Scene {
         self
     }
 
-    /// What was found out about the BRDFs that the scene brings along, when they were loaded.
+    /// Returns the notes of the scene's own BRDFs.
     pub fn brdf_notes(&self) -> impl Iterator<Item = String> + '_ {
         self.brdfs.added().filter_map(|brdf| brdf.note())
     }
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_moved_too_far_is_refused() {
+    fn moves_beyond_the_largest_coordinate_are_rejected() {
         let scene = Scene::square(Vec3A::ZERO, Vec3A::Y, 1.0).unwrap();
         assert!(scene.moved(&Affine3A::from_translation(Vec3::new(3.0, 0.0, 0.0))).unwrap().bounds().min.x > 2.0);
         assert!(scene.moved(&Affine3A::from_scale(Vec3::splat(1e12))).is_err());

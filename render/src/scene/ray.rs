@@ -12,13 +12,13 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A ray from `origin` along the unit vector `direction`.
+    /// Creates a ray from `origin` along the unit vector `direction`.
     pub fn new(origin: Vec3A, direction: Vec3A) -> Self {
         debug_assert!((direction.length_squared() - 1.0).abs() < 1e-3, "{direction} is not a unit vector");
         Self { origin, direction }
     }
 
-    /// The point at distance `t` (metres).
+    /// Returns the point at distance `t` (metres).
     pub fn at(&self, t: f32) -> Vec3A {
         self.origin + t * self.direction
     }
@@ -57,7 +57,7 @@ impl Bounds {
     /// The box that contains nothing; extending it by a point gives that point.
     pub const EMPTY: Self = Self { min: Vec3A::INFINITY, max: Vec3A::NEG_INFINITY };
 
-    /// Whether nothing is inside.
+    /// Returns whether the box is empty.
     pub fn is_empty(&self) -> bool {
         self.min.cmpgt(self.max).any()
     }
@@ -68,23 +68,23 @@ impl Bounds {
         self.max = self.max.max(point.into());
     }
 
-    /// The smallest box that contains both.
+    /// Returns the smallest box that contains both.
     #[must_use]
     pub fn union(&self, other: &Self) -> Self {
         Self { min: self.min.min(other.min), max: self.max.max(other.max) }
     }
 
-    /// The middle of the box.
+    /// Returns the middle of the box.
     pub fn center(&self) -> Vec3A {
         0.5 * (self.min + self.max)
     }
 
-    /// The lengths of the edges; zero for an empty box.
+    /// Returns the lengths of the edges; zero for an empty box.
     pub fn extent(&self) -> Vec3A {
         if self.is_empty() { Vec3A::ZERO } else { self.max - self.min }
     }
 
-    /// The eight corners.
+    /// Returns the eight corners.
     pub fn corners(&self) -> [Vec3A; 8] {
         std::array::from_fn(|i| {
             let pick = |axis: usize| if i >> axis & 1 == 0 { self.min[axis] } else { self.max[axis] };

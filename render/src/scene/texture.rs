@@ -1,4 +1,4 @@
-//! Textures of 8-bit texels: colours in sRGB, looked up bilinearly in linear light, or numbers; and their alpha.
+//! Textures of 8-bit texels: sRGB colours interpolated bilinearly in linear light, linear numbers, and alpha.
 
 use std::sync::LazyLock;
 
@@ -12,7 +12,7 @@ use crate::{
 /// Linear values of the 256 sRGB codes.
 static DECODED: LazyLock<[f32; 256]> = LazyLock::new(|| std::array::from_fn(|code| srgb_decode(code as f32 / 255.0)));
 
-/// What a texture coordinate outside of `[0, 1]` means.
+/// Treatment of texture coordinates outside `[0, 1]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Wrap {
     /// The texture repeats.
@@ -25,7 +25,7 @@ pub enum Wrap {
 }
 
 impl Wrap {
-    /// The texel that stands for texel `i` of an endless row, out of `n > 0`.
+    /// Maps texel `i` of an infinite row to one of `n > 0` texels.
     fn texel(self, i: i64, n: usize) -> usize {
         let n = n as i64;
         let wrapped = match self {
@@ -73,7 +73,7 @@ impl Grid {
         lerp(row(top), row(top + 1), t)
     }
 
-    /// Size and wrap modes as a text.
+    /// Size and wrap modes as text.
     fn content(&self) -> String {
         format!("{} x {} {:?}", self.width, self.height, self.wrap)
     }
@@ -87,7 +87,7 @@ pub struct Texture {
 }
 
 impl Texture {
-    /// A texture of `[height * width]` texels, row-major from the top left; `wrap` is for u and v.
+    /// Creates a texture of `[height * width]` texels, row-major from the top left; `wrap` is for u and v.
     ///
     /// # Errors
     /// When it has no texels or their number is not `width * height`.
@@ -95,18 +95,18 @@ impl Texture {
         Ok(Self { grid: Grid::new(width, height, texels.len(), wrap)?, texels })
     }
 
-    /// The linear colour of sRGB texels at texture coordinates `uv` (v downwards, texel centres at half-integers), interpolated
-    /// between the four nearest texels.
+    /// Returns the linear colour of sRGB texels at texture coordinates `uv` (v downwards, texel centres at
+    /// half-integers), interpolated between the four nearest texels.
     pub fn sample(&self, uv: Vec2) -> Vec3A {
         self.interpolate(uv, |code| DECODED[usize::from(code)])
     }
 
-    /// The same of texels that are numbers, not colours: 0 to 255 stand for 0 to 1.
+    /// [`Self::sample`] for texels that are numbers, not colours: 0 to 255 represent 0 to 1.
     pub fn sample_linear(&self, uv: Vec2) -> Vec3A {
         self.interpolate(uv, |code| f32::from(code) / 255.0)
     }
 
-    /// Size and wrap modes as a text, and the texels.
+    /// Returns size and wrap modes as text, and the texels.
     pub(super) fn content(&self) -> (String, &[u8]) {
         (self.grid.content(), self.texels.as_flattened())
     }
@@ -126,7 +126,8 @@ pub(super) struct AlphaTexture {
 }
 
 impl AlphaTexture {
-    /// A texture of `[height * width]` alphas, 0 to 255 for 0 to 1, row-major from the top left; `wrap` is for u and v.
+    /// Creates a texture of `[height * width]` alphas, 0 to 255 for 0 to 1, row-major from the top left;
+    /// `wrap` is for u and v.
     ///
     /// # Errors
     /// As [`Texture::new`].
@@ -136,19 +137,19 @@ impl AlphaTexture {
         Ok(Self { grid, texels, digest })
     }
 
-    /// The alpha at texture coordinates `uv`, interpolated as [`Texture::sample_linear`] does.
+    /// Returns the alpha at texture coordinates `uv`, interpolated as [`Texture::sample_linear`] does.
     pub fn sample(&self, uv: Vec2) -> f32 {
         // Exact between equal texels, so that an alpha of 1 passes a cutoff of 1.
         self.grid.interpolate(uv, |i| f32::from(self.texels[i]) / 255.0, |a, b, s| a + s * (b - a))
     }
 
-    /// The least and the greatest alpha.
+    /// Returns the least and the greatest alpha.
     pub fn range(&self) -> [f32; 2] {
         let codes = self.texels.iter().fold([u8::MAX, 0], |[least, most], &code| [least.min(code), most.max(code)]);
         codes.map(|code| f32::from(code) / 255.0)
     }
 
-    /// The hash of size, wrap modes and texels.
+    /// Returns the hash of size, wrap modes and texels.
     pub fn digest(&self) -> &[u8] {
         self.digest.as_bytes()
     }

@@ -1,12 +1,13 @@
-//! A hierarchy with eight children to a node: one ray is tested against all of them at once, one in each SIMD lane, and against
-//! eight triangles of a leaf in the same way (Wald, Benthin and Boulos 2008, "Getting Rid of Packets").
+//! The eight-wide hierarchy: one ray is tested against the eight children of a node at once, one in each SIMD
+//! lane, and likewise against eight triangles of a leaf (Wald, Benthin and Boulos 2008, "Getting Rid of
+//! Packets").
 //!
-//! It is made from a binary tree by drawing grandchildren up.
+//! It is made from a binary tree by pulling grandchildren up.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `packet.rs` | neighbouring rays, eight at once |
-//! | `nearest.rs` | closest hits of other rays |
+//! | `nearest.rs` | nearest hits of other rays |
 //! | `shadow.rs` | any hit |
 //! | `probe.rs` | a ray against boxes and triangles |
 //! | `lanes.rs` | eight numbers side by side |
@@ -34,10 +35,10 @@ use self::{
 };
 use super::ray::{Hit, Ray};
 
-/// Children of a node, and triangles of a block: one AVX2 register of each of their numbers.
+/// Children of a node, and triangles of a block: the lanes of an AVX2 register.
 const WIDTH: usize = 8;
 
-/// The most bits for the number of a ray: 256 rays are on their way at once.
+/// Maximum number of bits for the number of a ray: 256 rays are in flight at once.
 const MOST_BITS: u32 = 8;
 
 /// Index of the node that all rays start from.
@@ -50,23 +51,23 @@ type Row = [u32; WIDTH];
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Node {
-    /// The planes of the children's boxes: least and greatest x, then y, then z; then the children, and last their order from far to
-    /// near for a ray into each octant, with three bits each, and in the highest bits the set of those that are leaves.
-    /// The planes of an empty place are not numbers: no ray enters it.
+    /// The planes of the children's boxes: least and greatest x, then y, then z; then the children, and last
+    /// their order from far to near for a ray into each octant, with three bits each, and in the highest bits
+    /// the set of leaves. The planes of empty lanes are NaN, so that no ray enters them.
     rows: [Row; 8],
 }
 
-/// A node or a block of triangles: its index, moved up by a number of bits that leaves room for the number of a ray, and the highest
-/// bit for a block.
+/// A node or a block of triangles: its index, shifted left to leave room for the number of a ray, with the
+/// highest bit set for a block.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Child(u32);
 
 impl Child {
-    /// Where a node has its children, and their orders.
+    /// Rows of a node that hold its children, and their orders.
     const ROW: usize = 6;
     const ORDERS: usize = 7;
 
-    /// The bit that tells blocks from nodes.
+    /// The bit that marks blocks.
     const LEAF: u32 = 1 << 31;
 
     fn node(index: usize, shift: u32) -> Self {
@@ -90,7 +91,7 @@ impl Child {
 }
 
 impl Node {
-    /// A node of up to eight children with their boxes.
+    /// Creates a node of up to eight children with their boxes.
     fn new(children: &[(Child, Aabb)]) -> Self {
         let mut rows = [[f32::NAN.to_bits(); WIDTH]; 8];
         rows[Child::ROW] = [0; WIDTH];
@@ -125,13 +126,13 @@ impl Node {
     }
 }
 
-/// Up to eight triangles, one in each lane. Empty places have no area and are never hit.
+/// Up to eight triangles, one in each lane. Empty lanes have no area and are never hit.
 #[derive(Clone, Debug, Default)]
 #[repr(C, align(64))]
 struct Block {
-    /// x, y and z of a corner of each triangle, of the edge from the second corner to the first, of that from the first to the third,
-    /// and of the cross product of the edges; then the triangles' indices, and
-    /// last the planes of the leaf's box and the number of triangles.
+    /// x, y and z of a corner of each triangle, of the edge from the second corner to the first, of the edge
+    /// from the first to the third, and of their cross product; then the triangles' indices, and last the
+    /// planes of the leaf's box and the number of triangles.
     rows: [Row; 14],
 }
 
@@ -140,13 +141,13 @@ struct Block {
 pub(super) struct WideBvh {
     nodes: Vec<Node>,
     blocks: Vec<Block>,
-    /// Bits of a child that are left for the number of a ray.
+    /// Low bits of a child that are free for the number of a ray.
     shift: u32,
-    /// The most that a ray can have left to visit, and room for one more node's children.
+    /// Maximum number of a ray's pending visits, with room for one more node's children.
     stack: usize,
 }
 
-/// What becomes a child of a wide node.
+/// A part of the binary tree that becomes a child of a wide node.
 enum Part {
     /// A node of the binary tree with two children.
     Inner(u32),
@@ -155,21 +156,21 @@ enum Part {
 }
 
 impl WideBvh {
-    /// The hierarchy over `triangles`, which are in the order of the indices of a binary tree's primitives.
+    /// Builds the hierarchy over `triangles`, which are in the order of the binary tree's primitive indices.
     pub fn new(tree: &Bvh2, triangles: &[RtTriangle]) -> Self {
-        // There are at most as many blocks, and as many nodes, as there are entries.
+        // Neither blocks nor nodes outnumber the entries.
         let bits = usize::BITS - triangles.len().leading_zeros();
         Self::with_shift(tree, triangles, MOST_BITS.min(31_u32.saturating_sub(bits)))
     }
 
-    /// [`Self::new`] with some bits of a child for the number of a ray.
+    /// [`Self::new`] with `shift` bits of a child for the number of a ray.
     fn with_shift(tree: &Bvh2, triangles: &[RtTriangle], shift: u32) -> Self {
         let mut wide = Self { shift, ..Self::default() };
         if tree.nodes.is_empty() {
             return wide;
         }
         let mut deepest = 0;
-        // Nodes to make, each with what it stands for and its depth.
+        // Nodes to make, each with its part, bounds and depth.
         let mut todo = vec![(ROOT, part(&tree.nodes[0]), tree.nodes[0].aabb().to_owned(), 1)];
         wide.nodes.push(Node::new(&[]));
         while let Some((index, root, bounds, depth)) = todo.pop() {
@@ -190,12 +191,12 @@ impl WideBvh {
             }
             wide.nodes[index] = Node::new(&children);
         }
-        // Each node on the way leaves up to seven behind.
+        // Each visited node leaves up to seven children pending.
         wide.stack = deepest * (WIDTH - 1) + WIDTH;
         wide
     }
 
-    /// The nearest hits of rays, at most [`GROUP`]: of those that go almost the same way together, and of the others in turn.
+    /// Finds the nearest hits of at most [`GROUP`] rays: nearly parallel ones as packets, the others singly.
     #[inline(always)]
     fn nearest_of_group<E: Eight>(&self, simd: E, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
         if self.nodes.is_empty() {
@@ -220,7 +221,7 @@ impl WideBvh {
         }
     }
 
-    /// Adds some of the triangles of a leaf.
+    /// Adds a block of some of a leaf's triangles.
     fn add_block(&mut self, tree: &Bvh2, triangles: &[RtTriangle], entries: Range<usize>, bounds: &Aabb) -> Child {
         let mut block = Block::default();
         for axis in 0..3 {
@@ -242,7 +243,7 @@ impl WideBvh {
     }
 }
 
-/// What a binary node stands for.
+/// Returns the part that a binary node represents.
 fn part(node: &Bvh2Node) -> Part {
     if node.is_leaf() {
         let first = node.first_index as usize;
@@ -252,7 +253,7 @@ fn part(node: &Bvh2Node) -> Part {
     }
 }
 
-/// The parts that become the children of a wide node: the largest are opened until there are eight.
+/// Returns the children of a wide node: the largest parts are opened until there are eight.
 fn open(tree: &Bvh2, root: Part, bounds: Aabb) -> Vec<(Part, Aabb)> {
     let mut open = vec![(root, bounds)];
     while open.len() < WIDTH {
@@ -280,7 +281,7 @@ fn open(tree: &Bvh2, root: Part, bounds: Aabb) -> Vec<(Part, Aabb)> {
     open
 }
 
-/// Memory that is used again.
+/// Reusable memory.
 #[derive(Default)]
 struct Scratch {
     shadow: shadow::Scratch,
@@ -292,13 +293,13 @@ thread_local! {
     static SCRATCH: RefCell<Scratch> = RefCell::default();
 }
 
-/// What is asked of the rays of a batch, with a place for each answer.
+/// The query for a batch of rays, with a slot for each answer.
 pub(super) enum Question<'a> {
     Nearest(&'a mut [Option<Hit>]),
     Occluded(&'a mut [bool]),
 }
 
-/// Rays under way in a hierarchy.
+/// A batch of rays to trace through a hierarchy.
 pub(super) struct Traversal<'a> {
     pub bvh: &'a WideBvh,
     pub rays: &'a [Ray],
@@ -306,7 +307,7 @@ pub(super) struct Traversal<'a> {
 }
 
 impl Traversal<'_> {
-    /// Answers with the best instructions that the processor has.
+    /// Answers the query, with AVX2 where the processor has it.
     pub fn run(self) {
         SCRATCH.with_borrow_mut(|scratch| {
             #[cfg(target_arch = "x86_64")]
@@ -332,7 +333,7 @@ impl Traversal<'_> {
     }
 }
 
-/// A traversal that is compiled for an instruction set.
+/// A traversal compiled for an instruction set.
 struct On<'a, 'b, E> {
     simd: E,
     traversal: Traversal<'a>,

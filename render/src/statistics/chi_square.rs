@@ -1,4 +1,4 @@
-//! Chi-square test: are directions drawn with the density that a sampler claims?
+//! Chi-square test that directions are drawn with the density that a sampler claims.
 //!
 //! After Mitsuba's `ChiSquareTest`: directions are counted in the cells of a lat-long grid and compared with the claimed
 //! density, integrated over each cell. The number of rows is odd, so that no border of cells runs along the equator,
@@ -18,21 +18,21 @@ use crate::image::encode_png_rgb8;
 use crate::latlong;
 use crate::random::{Purpose, Stream};
 
-/// The test with its settings; [`Default`] is one million directions on 51 x 102 cells at significance 0.01.
+/// The settings of a test; [`Default`] is one million directions on 51 x 102 cells at significance 0.01.
 #[derive(Clone, Debug)]
 pub struct SphereChiSquare {
     /// Rows of cells, odd; there are twice as many columns.
     pub rows: usize,
-    /// The density of a cell is the mean over `subcells x subcells` points. 4 does for smooth densities; a density with
-    /// details (an environment map) needs points as dense as its texels.
+    /// The density of a cell is the mean over `subcells x subcells` points. 4 is enough for smooth densities;
+    /// a density with details (an environment map) needs points as dense as its texels.
     pub subcells: usize,
-    /// Directions drawn.
+    /// Number of draws.
     pub samples: usize,
-    /// The chance to reject a right density in any of the `tests`.
+    /// Probability of rejecting a correct density in any of the `tests`.
     pub significance: f64,
-    /// How many such tests are made together (Sidak's correction).
+    /// Number of such tests performed together (Sidak's correction).
     pub tests: usize,
-    /// How far the integral of the density may be from the fraction of draws that gave a direction: quadrature error.
+    /// Largest quadrature error: difference of the density's integral from the fraction of accepted draws.
     pub mass_tolerance: f64,
     /// Seed of the random stream.
     pub seed: u64,
@@ -47,16 +47,16 @@ impl Default for SphereChiSquare {
 /// Cells with a smaller expected count are pooled: below it the statistic is not chi-square distributed.
 const LEAST_EXPECTED: f64 = 5.0;
 
-/// Directions that are drawn at a time.
+/// Draws per call of the sampler.
 const BATCH: usize = 4096;
 
-/// How far the squared length of a direction may be from 1; `f32` normalisation leaves 1e-6.
+/// Largest deviation of the squared length of a direction from 1; `f32` normalisation leaves 1e-6.
 const UNIT_TOLERANCE: f32 = 1e-3;
 
 /// The outcome of a chi-square test.
 #[derive(Clone, Debug)]
 pub struct ChiSquareReport {
-    /// The chance of a statistic at least this large if the density is right.
+    /// Probability of a statistic at least this large if the density is correct.
     pub p_value: f64,
     /// `sum (observed - expected)^2 / expected` over the cells.
     pub statistic: f64,
@@ -64,11 +64,11 @@ pub struct ChiSquareReport {
     pub degrees_of_freedom: usize,
     /// The integral of the density over the sphere.
     pub integral: f64,
-    /// The fraction of draws that gave a direction; what the integral must be.
+    /// The fraction of draws that gave a direction, which the integral must equal.
     pub accepted: f64,
     /// The p-value below which the density is rejected.
     pub threshold: f64,
-    /// What is wrong, one sentence each; empty if the test passed.
+    /// One sentence per failure; empty if the test passed.
     pub failures: Vec<String>,
     /// Rows of cells.
     pub rows: usize,
@@ -81,13 +81,13 @@ pub struct ChiSquareReport {
 }
 
 impl SphereChiSquare {
-    /// Draws with `sample`, as many as it is asked for, and compares with `pdf`, a density over solid angle at each of
-    /// many directions.
+    /// Draws directions with `sample`, which returns the given number of draws, and compares them with `pdf`,
+    /// the density over solid angle at each direction of a list.
     ///
-    /// A draw of `None` is no sample: the density must then integrate to the fraction of draws that are one.
+    /// A draw may be `None`: the density must integrate to the fraction of draws that are `Some`.
     ///
     /// # Panics
-    /// If either gives another number of values than it is asked for.
+    /// If either returns a different number of values than requested.
     pub fn run(
         &self,
         mut sample: impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>>,
@@ -142,7 +142,7 @@ impl SphereChiSquare {
         2 * self.rows
     }
 
-    /// The integral of the density over each cell: midpoints of sub-cells, each with its exact solid angle. A row of
+    /// Integrates the density over each cell by midpoints of sub-cells with exact solid angles, one row of
     /// cells at a time.
     fn integrate(&self, pdf: impl Fn(&[Vec3A]) -> Vec<f32>, failures: &mut Vec<String>) -> Vec<f64> {
         let (rows, columns) = (self.rows * self.subcells, self.columns() * self.subcells);
@@ -176,9 +176,10 @@ impl SphereChiSquare {
         cells
     }
 
-    /// Draws and counts; also the number of directions in cells of zero density whose own density is zero.
+    /// Draws and counts directions; also counts those of zero density in cells of zero density.
     ///
-    /// Directions alone decide there, since a cell that a lobe touches only in a corner can be zero at all of its points.
+    /// The densities of directions decide there, since a cell that a lobe touches only in a corner can be
+    /// zero at all quadrature points.
     fn count(
         &self,
         sample: &mut impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>>,
@@ -217,14 +218,15 @@ impl SphereChiSquare {
     }
 }
 
-/// The chi-square statistic, and the number of cells in it after pooling.
+/// Returns the chi-square statistic and its number of cells after pooling.
 fn statistic(observed: &[f64], expected: &[f64]) -> (f64, usize) {
     let mut order: Vec<usize> = (0..expected.len()).collect();
     order.sort_by(|&a, &b| expected[a].total_cmp(&expected[b]));
     let (mut statistic, mut cells) = (0.0, 0);
     let (mut pool_observed, mut pool_expected) = (0.0, 0.0);
     for cell in order {
-        // A pool that is still too small takes in the next cell, however large: nothing is left over unless all is small.
+        // A pool that is too small includes the next cell of any size, so that nothing remains unless all
+        // cells are small.
         pool_observed += observed[cell];
         pool_expected += expected[cell];
         if pool_expected >= LEAST_EXPECTED {
@@ -237,13 +239,14 @@ fn statistic(observed: &[f64], expected: &[f64]) -> (f64, usize) {
 }
 
 impl ChiSquareReport {
-    /// Whether the density is right, as far as the test can tell.
+    /// Returns whether the test passed.
     pub fn passed(&self) -> bool {
         self.failures.is_empty()
     }
 
-    /// Writes a PNG of three maps, one above the other: observed counts, expected counts (both as square roots, dark is few)
-    /// and their difference in standard deviations (blue: too few, white: as expected, red: too many; full at 5).
+    /// Writes a PNG of three maps from top to bottom: observed counts, expected counts (both as square roots,
+    /// black is 0) and their difference in standard deviations (blue: too few, white: as expected, red: too
+    /// many; saturated at 5).
     ///
     /// # Errors
     /// See [`file::replace`].
@@ -263,7 +266,7 @@ impl ChiSquareReport {
             .chain(self.expected.iter().map(grey))
             .chain(self.observed.iter().zip(&self.expected).map(difference))
             .collect();
-        // Cells are drawn as squares of several pixels, to be looked at without zoom.
+        // Cells are squares of several pixels, visible without zooming.
         const SCALE: usize = 4;
         let (width, height) = (SCALE * self.columns, SCALE * 3 * self.rows);
         let enlarged: Vec<[u8; 3]> =
@@ -271,10 +274,11 @@ impl ChiSquareReport {
         file::replace(path, &encode_png_rgb8(width, height, &enlarged)?)
     }
 
-    /// Panics if the test failed, saying why, after leaving `chi_square_<name>.png` in the folder of temporary files.
+    /// Asserts, for use in tests, that the test passed.
     ///
     /// # Panics
-    /// If the test failed: this is for tests.
+    /// If the test failed, with its failures, after writing `chi_square_<name>.png` to the folder of
+    /// temporary files.
     pub fn assert_passed(&self, name: &str) {
         if !self.passed() {
             let path = std::env::temp_dir().join(format!("chi_square_{name}.png"));

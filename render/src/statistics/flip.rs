@@ -1,5 +1,6 @@
-//! How different two pictures look to somebody who flips between them: LDR-FLIP (Andersson, Nilsson, Akenine-Möller, Oskarsson,
-//! Åström and Fairchild 2020, "FLIP: A Difference Evaluator for Alternating Images"). [`super::HdrFlip`] is made of it.
+//! LDR-FLIP, the perceived difference of two alternating pictures (Andersson, Nilsson, Akenine-Möller,
+//! Oskarsson, Åström and Fairchild 2020, "FLIP: A Difference Evaluator for Alternating Images"); the basis of
+//! [`super::HdrFlip`].
 
 use std::f64::consts::PI;
 
@@ -17,29 +18,31 @@ const XYZ_OF_RGB: [[f64; 3]; 3] = [
     [2_613_072.0 / 12_288_897.0, 8_788_810.0 / 12_288_897.0, 887_015.0 / 12_288_897.0],
     [1_425_312.0 / 73_733_382.0, 8_788_810.0 / 73_733_382.0, 70_074_185.0 / 73_733_382.0],
 ];
-/// Its inverse.
+/// Inverse of [`XYZ_OF_RGB`].
 const RGB_OF_XYZ: [[f64; 3]; 3] = [
     [3.241_003_275, -1.537_398_935, -0.498_615_861],
     [-0.969_224_271, 1.875_929_983, 0.041_554_226],
     [0.055_639_423, -0.204_011_209, 1.057_148_934],
 ];
-/// Contrast sensitivity, sums of two Gaussians `a sqrt(pi / b) exp(-pi^2 x^2 / b)` with x in degrees: achromatic, red-green, blue-yellow.
+/// Contrast sensitivity as `(a, b)` of two Gaussians `a sqrt(pi / b) exp(-pi^2 x^2 / b)`, x in degrees, for
+/// the achromatic, red-green and blue-yellow channels.
 const SENSITIVITY: [[(f64, f64); 2]; 3] =
     [[(1.0, 0.0047), (0.0, 1e-5)], [(1.0, 0.0053), (0.0, 1e-5)], [(34.1, 0.04), (13.5, 0.025)]];
-/// The width in degrees of the detectors of edges and points.
+/// Width of the edge and point detectors, in degrees.
 const FEATURE_WIDTH: f64 = 0.082;
 /// The exponent of colour differences.
 const Q_COLOUR: f64 = 0.7;
 /// The exponent of feature differences.
 const Q_FEATURE: f64 = 0.5;
-/// Colour differences up to this part of the largest one ...
+/// Colour differences up to this fraction of the largest one ...
 const P_COLOUR: f64 = 0.4;
-/// ... take up this part of the range.
+/// ... map to this fraction of the range.
 const P_RANGE: f64 = 0.95;
 
-/// The difference of each pixel, in `[0, 1]`, as `[height * width]`.
+/// Returns the difference of each pixel, in `[0, 1]`, as `[height * width]`.
 ///
-/// Both pictures are what a display shows: linear RGB (Rec.709) in `[0, 1]`, to which values are clamped; not a number counts as 0.
+/// Both pictures are display-referred linear RGB (Rec.709); values are clamped to `[0, 1]`, and NaN counts as
+/// 0.
 ///
 /// # Errors
 /// If the sizes differ, or `pixels_per_degree` is not between 1 and 1000.
@@ -49,7 +52,7 @@ pub fn flip(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<V
     Ok(difference(&a, &b))
 }
 
-/// Checks what [`flip`] is asked.
+/// Checks the arguments of [`flip`].
 pub(super) fn check(reference: &Image, test: &Image, pixels_per_degree: f64) -> Result<()> {
     let failed = |what: &str, reason: String| Err(Error::Argument { what: what.into(), reason });
     if (reference.width, reference.height) != (test.width, test.height) {
@@ -62,7 +65,7 @@ pub(super) fn check(reference: &Image, test: &Image, pixels_per_degree: f64) -> 
     Ok(())
 }
 
-/// The difference of each pixel.
+/// Returns the difference of each pixel.
 pub(super) fn difference(a: &Seen, b: &Seen) -> Vec<f64> {
     let largest = colour_distance(hunt(lab([0.0, 1.0, 0.0])), hunt(lab([0.0, 0.0, 1.0]))).powf(Q_COLOUR);
     let knee = P_COLOUR * largest;
@@ -80,7 +83,7 @@ pub(super) fn difference(a: &Seen, b: &Seen) -> Vec<f64> {
     (0..a.edges.len()).map(pixel).collect()
 }
 
-/// What the eye makes of a picture.
+/// The perceived colours and features of a picture.
 pub(super) struct Seen {
     /// L*a*b* after contrast sensitivity and Hunt's effect.
     colours: Vec<[f64; 3]>,
@@ -91,7 +94,7 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    /// What it makes of linear RGB in `[0, 1]`.
+    /// Computes the perception of linear RGB, clamped to `[0, 1]`.
     pub(super) fn of(image: &Image, pixels_per_degree: f64) -> Self {
         let size = (image.width, image.height);
         let clamp = |c: f32| if c.is_nan() { 0.0 } else { f64::from(c.clamp(0.0, 1.0)) };
@@ -99,7 +102,7 @@ impl Seen {
         let plane = |c: usize| -> Vec<f64> { opponent.iter().map(|pixel| pixel[c]).collect() };
         let planes = [0, 1, 2].map(|c| sensitivity(&plane(c), size, SENSITIVITY[c], pixels_per_degree));
         let colour = |k: usize| hunt(lab(rgb_of_opponent(planes.each_ref().map(|plane| plane[k])).map(unit)));
-        // The achromatic channel, from 0 to 1.
+        // The achromatic channel, scaled to `[0, 1]`.
         let light: Vec<f64> = opponent.iter().map(|pixel| (pixel[0] + 16.0) / 116.0).collect();
         let [edges, points] = features(&light, size, pixels_per_degree);
         Self { colours: (0..opponent.len()).map(colour).collect(), edges, points }
@@ -114,12 +117,12 @@ fn product(matrix: &[[f64; 3]; 3], [x, y, z]: [f64; 3]) -> [f64; 3] {
     matrix.map(|row| row[0] * x + row[1] * y + row[2] * z)
 }
 
-/// The XYZ of white.
+/// Returns the XYZ of white.
 fn white() -> [f64; 3] {
     product(&XYZ_OF_RGB, [1.0; 3])
 }
 
-/// YCxCz: an achromatic and two opponent channels, linear in RGB.
+/// Converts to YCxCz: an achromatic and two opponent channels, linear in RGB.
 fn opponent(rgb: [f64; 3]) -> [f64; 3] {
     let ([x, y, z], [xn, yn, zn]) = (product(&XYZ_OF_RGB, rgb), white());
     [116.0 * y / yn - 16.0, 500.0 * (x / xn - y / yn), 200.0 * (y / yn - z / zn)]
@@ -131,7 +134,7 @@ fn rgb_of_opponent([achromatic, cx, cz]: [f64; 3]) -> [f64; 3] {
     product(&RGB_OF_XYZ, [xn * (y + cx / 500.0), yn * y, zn * (y - cz / 200.0)])
 }
 
-/// CIE 1976 L*a*b* under D65.
+/// Converts to CIE 1976 L*a*b* under D65.
 fn lab(rgb: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let curve = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
@@ -140,23 +143,24 @@ fn lab(rgb: [f64; 3]) -> [f64; 3] {
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Hunt's effect: colours look more saturated where it is bright.
+/// Applies the Hunt effect: bright colours look more saturated.
 fn hunt([l, a, b]: [f64; 3]) -> [f64; 3] {
     [l, 0.01 * l * a, 0.01 * l * b]
 }
 
-/// The HyAB distance of colours (Abasi, Amani Tehran and Fairchild 2020), which suits large differences.
+/// Returns the HyAB distance of colours (Abasi, Amani Tehran and Fairchild 2020), which suits large
+/// differences.
 fn colour_distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }
 
-/// A channel as blurred as the eye sees it.
+/// Filters a channel by the contrast sensitivity.
 fn sensitivity(plane: &[f64], size: (usize, usize), terms: [(f64, f64); 2], pixels_per_degree: f64) -> Vec<f64> {
     let widest = SENSITIVITY.iter().flatten().map(|term| term.1).fold(0.0, f64::max);
     let radius = (3.0 * (widest / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as i32;
     let mut sum = vec![0.0; plane.len()];
     let mut total = 0.0;
-    // Each term is a product over both axes, which the sum is not.
+    // Each term is separable; their sum is not.
     for (a, b) in terms.into_iter().filter(|term| term.0 > 0.0) {
         let kernel: Vec<f64> =
             (-radius..=radius).map(|k| (-(PI * f64::from(k) / pixels_per_degree).powi(2) / b).exp()).collect();
@@ -168,14 +172,14 @@ fn sensitivity(plane: &[f64], size: (usize, usize), terms: [(f64, f64); 2], pixe
     sum.into_iter().map(|value| value / total).collect()
 }
 
-/// Strengths of edges and of points.
+/// Returns the strengths of edges and of points.
 fn features(light: &[f64], size: (usize, usize), pixels_per_degree: f64) -> [Vec<f64>; 2] {
     let deviation = 0.5 * FEATURE_WIDTH * pixels_per_degree;
     let radius = (3.0 * deviation).ceil() as i32;
     let of = |shape: fn(f64) -> f64| -> Vec<f64> {
         (-radius..=radius).map(|k| f64::from(k) / deviation).map(|t| shape(t) * (-0.5 * t * t).exp()).collect()
     };
-    // Positive weights have the sum 1, and so have the negative ones but for their sign.
+    // Normalises positive weights to the sum 1 and negative ones to -1.
     let balanced = |kernel: Vec<f64>| -> Vec<f64> {
         let of_sign = |sign: f64| kernel.iter().map(|w| (sign * w).max(0.0)).sum::<f64>();
         let [positive, negative] = [of_sign(1.0), of_sign(-1.0)];
@@ -188,7 +192,7 @@ fn features(light: &[f64], size: (usize, usize), pixels_per_degree: f64) -> [Vec
     })
 }
 
-/// The correlation with the product of two kernels of odd length, of columns and of rows. Beyond its edges a plane goes on as there.
+/// Correlates a plane with the product of two kernels of odd length, with clamped edges.
 fn separable(plane: &[f64], (width, height): (usize, usize), horizontal: &[f64], vertical: &[f64]) -> Vec<f64> {
     let at = |place: usize, k: usize, radius: usize, end: usize| (place + k).saturating_sub(radius).min(end - 1);
     let mut rows = vec![0.0; plane.len()];
@@ -217,7 +221,8 @@ pub(super) mod tests {
         Image { width, height, pixels }
     }
 
-    /// A pattern with colours, edges and points, and the same with a grid of darker pixels and a green patch.
+    /// Returns a pattern with colours, edges and points, and a copy with a grid of darker pixels and a green
+    /// patch.
     pub fn pair() -> [Image; 2] {
         let part = |value: usize, of: usize| (value % of) as f32 / (of - 1) as f32;
         let reference = image(41, 29, |x, y| {
@@ -238,9 +243,11 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn values_are_those_of_the_authors_program() {
-        // By its version in C++, in f32, and by numpy and scipy in double precision, with two-dimensional kernels; the two agree in all digits but one. Pixels here are rounded to f32 and the inverse of
-        // the matrix to nine digits, which the exponent 0.5 of features of about 1e-7 turns into 3e-4 at most; 1e-5 is seen.
+    fn values_match_the_authors_implementation() {
+        // Values of the C++ version, in f32, and of numpy and scipy in double precision with two-dimensional
+        // kernels; the two agree in all digits but one. Pixels here are rounded to f32 and the inverse matrix
+        // to nine digits, which the exponent 0.5 of features of about 1e-7 turns into at most 3e-4; the
+        // observed error is 1e-5.
         let [reference, test] = pair();
         let map = flip(&reference, &test, PIXELS_PER_DEGREE).unwrap();
         let mean = map.iter().sum::<f64>() / map.len() as f64;
@@ -254,18 +261,19 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn equal_pictures_do_not_differ_and_black_from_white_nearly_all() {
+    fn equal_pictures_have_difference_0_and_black_and_white_nearly_1() {
         let [reference, test] = pair();
         assert!(flip(&reference, &reference, PIXELS_PER_DEGREE).unwrap().iter().all(|&value| value == 0.0));
         assert!(flip(&reference, &test, PIXELS_PER_DEGREE).unwrap().iter().all(|value| (0.0..=1.0).contains(value)));
-        // 100 ^ 0.7 of 41.276, the distance of green and blue to the same power: 0.95 + 0.05 (25.119 - 16.510) / 24.766.
+        // 100^0.7 = 25.119 of 41.276, the distance of green and blue to the same power: 0.95 + 0.05 (25.119 -
+        // 16.510) / 24.766.
         let [black, white] = [0.0, 1.0].map(|value| image(9, 9, |_, _| [value; 3]));
         let found = flip(&black, &white, PIXELS_PER_DEGREE).unwrap();
         assert!(found.iter().all(|value| (value - 0.967_38).abs() < 1e-5), "{found:?}");
     }
 
     #[test]
-    fn other_sizes_and_distances_are_refused() {
+    fn different_sizes_and_invalid_distances_are_rejected() {
         let [reference, _] = pair();
         let error = flip(&reference, &image(29, 41, |_, _| [0.0; 3]), 67.0).unwrap_err().to_string();
         assert_eq!(error, "test: is 29 x 41 pixels, the reference 41 x 29");

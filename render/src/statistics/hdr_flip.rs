@@ -1,5 +1,6 @@
-//! How different two renderings look whatever the exposure they are shown with: HDR-FLIP (Andersson, Nilsson, Shirley and Akenine-Möller 2021,
-//! "Visualizing Errors in Rendered High Dynamic Range Images"), the largest LDR-FLIP over a range of exposures that the reference gives.
+//! HDR-FLIP, the perceived difference of two renderings at any exposure (Andersson, Nilsson, Shirley and
+//! Akenine-Möller 2021, "Visualizing Errors in Rendered High Dynamic Range Images"): the largest LDR-FLIP
+//! over a range of exposures that the reference determines.
 
 use glam::Vec3A;
 
@@ -8,23 +9,25 @@ use crate::color::luminance;
 use crate::error::Result;
 use crate::image::Image;
 
-/// The tone curve `(a x^2 + b x) / (c x^2 + d x + e)`: Narkowicz's fit to ACES, as the paper uses it.
+/// Tone curve `(a x^2 + b x) / (c x^2 + d x + e)`: Narkowicz's fit to ACES, as in the paper.
 const CURVE: [f64; 5] = [0.36 * 2.51, 0.6 * 0.03, 0.36 * 2.43, 0.6 * 0.59, 0.14];
-/// The shown value that the brightest pixel has at the first exposure, and the median at the last one.
+/// Displayed value of the brightest pixel at the first exposure and of the median at the last one.
 const SHOWN: f64 = 0.85;
-/// Most exposures: a range of 2^32, more than f32 renderings use. Each of them holds five numbers per pixel.
+/// Maximum number of exposures: a range of 2^32, more than f32 renderings use. Each stores five numbers per
+/// pixel.
 const MOST_EXPOSURES: usize = 32;
 
-/// A reference as it is seen under all of its exposures.
+/// A reference as perceived at all of its exposures.
 pub struct HdrFlip {
     size: (usize, usize),
     pixels_per_degree: f64,
-    /// Each in stops, with what is seen under it.
+    /// Each exposure in stops, with the perceived reference.
     exposures: Vec<(f64, Seen)>,
 }
 
 impl HdrFlip {
-    /// Prepares a reference of linear RGB; what is negative or no number counts as 0, what is infinite as the largest number.
+    /// Prepares a reference of linear RGB; negative values and NaN count as 0, infinity as the largest
+    /// number.
     ///
     /// # Errors
     /// If `pixels_per_degree` is not between 1 and 1000.
@@ -35,15 +38,15 @@ impl HdrFlip {
         Ok(Self { size: (reference.width, reference.height), pixels_per_degree, exposures })
     }
 
-    /// The exposures in stops, from dark to bright.
+    /// Returns the exposures in stops, from dark to bright.
     pub fn exposures(&self) -> impl Iterator<Item = f64> + '_ {
         self.exposures.iter().map(|(stops, _)| *stops)
     }
 
-    /// The difference of each pixel of a rendering, in `[0, 1]`, as `[height * width]`.
+    /// Returns the difference of each pixel of a rendering, in `[0, 1]`, as `[height * width]`.
     ///
     /// # Errors
-    /// If it has another size than the reference.
+    /// If its size differs from the reference's.
     pub fn of(&self, test: &Image) -> Result<Vec<f64>> {
         let (width, height) = self.size;
         check(&Image { width, height, pixels: Vec::new() }, test, self.pixels_per_degree)?;
@@ -56,8 +59,9 @@ impl HdrFlip {
     }
 }
 
-/// The exposures of a reference: the brightest pixel is shown with 0.85 at the first one, the median at the last one. Where half of the picture is
-/// black, which has no such exposure, it is the median of what is not black.
+/// Returns the exposures of a reference: the brightest pixel maps to 0.85 at the first one, the median at the
+/// last one. If half of the picture is black, for which no such exposure exists, the median is that of the
+/// other pixels.
 fn exposures(reference: &Image) -> Vec<f64> {
     let mut luminances: Vec<f32> = reference.pixels.iter().map(|&pixel| luminance(usable(pixel))).collect();
     luminances.sort_by(f32::total_cmp);
@@ -80,7 +84,7 @@ fn usable(pixel: [f32; 3]) -> Vec3A {
     Vec3A::from_array(pixel.map(one))
 }
 
-/// What a display shows under an exposure, linear.
+/// Returns the linear display values at an exposure.
 fn shown(image: &Image, stops: f64) -> Image {
     let factor = stops.exp2();
     let [a, b, c, d, e] = CURVE;
@@ -96,7 +100,7 @@ mod tests {
     use super::super::flip::tests::pair;
     use super::*;
 
-    /// The pictures of the test of LDR-FLIP, brighter by 10 stops from left to right.
+    /// Returns the pictures of the test of LDR-FLIP, brighter by 10 stops from left to right.
     fn bright_pair() -> [Image; 2] {
         pair().map(|mut image| {
             for (k, pixel) in image.pixels.iter_mut().enumerate() {
@@ -107,8 +111,9 @@ mod tests {
     }
 
     #[test]
-    fn values_are_those_of_the_authors_program() {
-        // By its version in C++, which computes in f32: its LDR values are off by up to 1e-6, and the exponent 0.5 of small features makes more of it.
+    fn values_match_the_authors_implementation() {
+        // Values of the C++ version, in f32: its LDR values have errors of up to 1e-6, which the exponent 0.5
+        // of small features amplifies.
         let [reference, test] = bright_pair();
         for (pixels_per_degree, expected) in [
             (67.0, [0.006_336, 0.752_940, 0.068_636, 0.133_044, 0.126_485]),
@@ -128,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exposure_of_both_does_not_matter() {
+    fn a_common_exposure_does_not_change_differences() {
         let [reference, test] = bright_pair();
         let of = |factor: f32| {
             let [reference, test] = [&reference, &test].map(|image| Image {
@@ -137,12 +142,12 @@ mod tests {
             });
             HdrFlip::new(&reference, 67.0).unwrap().of(&test).unwrap()
         };
-        // A power of two changes no digit of the pixels; exposures are off by rounding.
+        // A power of two scales pixels exactly; exposures have rounding errors.
         assert!(of(1.0).iter().zip(of(1024.0)).all(|(a, b)| (a - b).abs() < 1e-6));
     }
 
     #[test]
-    fn black_pictures_and_broken_ones_have_values_too() {
+    fn black_images_and_invalid_pixels_have_finite_differences() {
         let one = |value: f32| Image { width: 3, height: 1, pixels: vec![[value; 3], [0.0; 3], [0.0; 3]] };
         assert_eq!(HdrFlip::new(&one(0.0), 67.0).unwrap().of(&one(0.0)).unwrap(), [0.0; 3]);
         let bright = HdrFlip::new(&one(5.0), 67.0).unwrap();

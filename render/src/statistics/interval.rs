@@ -1,4 +1,4 @@
-//! Means of a few runs, ratios of such means, and how well they are known.
+//! Means of a few runs, ratios of such means, and their confidence intervals.
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
@@ -9,14 +9,15 @@ use super::Moments;
 pub struct MeanInterval {
     /// The mean of the runs.
     pub mean: f64,
-    /// Half the length of the interval; infinite for a single run, which says nothing about its spread.
+    /// Half the length of the interval; infinite for a single run, whose spread is unknown.
     pub half_width: f64,
     /// The number of runs.
     pub count: usize,
 }
 
 impl MeanInterval {
-    /// The interval of Student's t distribution with `count - 1` degrees of freedom. `None` without runs.
+    /// Computes the interval by Student's t distribution with `count - 1` degrees of freedom. `None` without
+    /// runs.
     pub fn of(runs: &[f64]) -> Option<Self> {
         let Moments { count, mean, variance } = Moments::of(runs)?;
         let half_width = match count {
@@ -26,12 +27,12 @@ impl MeanInterval {
         Some(Self { mean, half_width, count })
     }
 
-    /// The lower end.
+    /// Returns the lower end.
     pub fn low(&self) -> f64 {
         self.mean - self.half_width
     }
 
-    /// The upper end.
+    /// Returns the upper end.
     pub fn high(&self) -> f64 {
         self.mean + self.half_width
     }
@@ -39,19 +40,19 @@ impl MeanInterval {
 
 /// The ratio of two means over paired runs, with the standard error of its logarithm.
 ///
-/// Runs are paired where they share random numbers (camera rays, say): what they have in common cancels.
+/// Paired runs share random numbers (camera rays, for example): their common noise cancels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RatioInterval {
     /// Mean of the numerators over mean of the denominators, positive and finite.
     pub ratio: f64,
-    /// Standard error of `ln(ratio)`; infinite for a single pair, which says nothing about its spread.
+    /// Standard error of `ln(ratio)`; infinite for a single pair, whose spread is unknown.
     pub log_error: f64,
     /// Degrees of freedom of that error: pairs minus one.
     pub degrees_of_freedom: f64,
 }
 
 impl RatioInterval {
-    /// The ratio over runs of which `numerators[k]` and `denominators[k]` are a pair.
+    /// Computes the ratio over runs of which `numerators[k]` and `denominators[k]` are a pair.
     ///
     /// The error is the delta method's for paired samples (Casella and Berger 2002, section 5.5.4): to first order,
     /// `ln(a / b)` deviates by the mean of `a_k / a - b_k / b`, where `a` and `b` are the means.
@@ -72,12 +73,13 @@ impl RatioInterval {
         Some(Self { ratio, log_error, degrees_of_freedom: (count - 1) as f64 })
     }
 
-    /// The ratio the other way round.
+    /// Returns the reciprocal ratio.
     pub fn inverse(self) -> Self {
         Self { ratio: 1.0 / self.ratio, ..self }
     }
 
-    /// The geometric mean of independent ratios; degrees of freedom by Welch and Satterthwaite. `None` without ratios.
+    /// Returns the geometric mean of independent ratios, with degrees of freedom by Welch and Satterthwaite.
+    /// `None` without ratios.
     pub fn geometric_mean(ratios: &[Self]) -> Option<Self> {
         if ratios.is_empty() {
             return None;
@@ -88,13 +90,13 @@ impl RatioInterval {
         let variance: f64 = variances().sum();
         let terms = variances().zip(ratios).filter(|(variance, _)| *variance > 0.0);
         let freedom: f64 = terms.map(|(own, one)| (own / variance).powi(2) / one.degrees_of_freedom).sum();
-        // Without any variance (freedom 0) the quantile is multiplied by 0, and 1 serves as well as any.
+        // Without variance (freedom 0) the quantile is multiplied by 0, and any value works.
         let degrees_of_freedom = if freedom > 0.0 { 1.0 / freedom } else { 1.0 };
         Some(Self { ratio, log_error: variance.sqrt(), degrees_of_freedom })
     }
 
-    /// The ends of the 95 % confidence interval, symmetric around the ratio on a logarithmic scale; `None` where a single
-    /// pair leaves it unknown.
+    /// Returns the ends of the 95 % confidence interval, symmetric around the ratio on a logarithmic scale;
+    /// `None` for a single pair.
     pub fn ends(&self) -> Option<(f64, f64)> {
         if !self.log_error.is_finite() {
             return None;
@@ -104,7 +106,7 @@ impl RatioInterval {
     }
 }
 
-/// Student's t distribution, centred and of unit scale.
+/// Returns Student's t distribution, centred and of unit scale.
 pub(super) fn students_t(degrees_of_freedom: f64) -> StudentsT {
     StudentsT::new(0.0, 1.0, degrees_of_freedom).expect("degrees of freedom are positive")
 }
@@ -132,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn nineteen_of_twenty_intervals_hold_the_true_mean() {
+    fn intervals_contain_the_true_mean_with_95_percent_probability() {
         let mut random = Stream::new(3, Purpose::Test, 0);
         let trials = 4000;
         let hits = (0..trials)
@@ -148,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_pairs_share_cancels_in_their_ratio() {
+    fn common_noise_of_pairs_cancels_in_their_ratio() {
         let noise = [0.3, 1.9, 0.7, 1.1, 4.0];
         let twice: Vec<f64> = noise.iter().map(|x| 2.0 * x).collect();
         let ratio = RatioInterval::paired(&twice, &noise).unwrap();
@@ -168,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn one_pair_has_no_interval_and_what_is_not_a_number_no_ratio() {
+    fn one_pair_has_no_interval_and_invalid_means_have_no_ratio() {
         assert_eq!(RatioInterval::paired(&[4.0], &[2.0]).unwrap().ends(), None);
         for broken in [f64::NAN, f64::INFINITY, -1.0] {
             assert_eq!(RatioInterval::paired(&[1.0, broken], &[1.0, 1.0]), None);
@@ -192,13 +194,13 @@ mod tests {
     }
 
     #[test]
-    fn nineteen_of_twenty_ratios_lie_in_their_intervals() {
+    fn intervals_contain_the_true_ratio_with_95_percent_probability() {
         let mut random = Stream::new(5, Purpose::Test, 0);
         let mut normal = move || (0..12).map(|_| f64::from(random.uniform())).sum::<f64>() - 6.0;
         let trials = 4000;
         let hits = (0..trials)
             .filter(|_| {
-                // Errors of 5 % that pairs share, and 2 % of their own; the means' true ratio is 3.
+                // Errors of 5 % common to a pair and 2 % individual ones; the true ratio of the means is 3.
                 let pairs: Vec<(f64, f64)> = (0..6)
                     .map(|_| {
                         let shared = 1.0 + 0.05 * normal();
@@ -210,7 +212,7 @@ mod tests {
                 (low..=high).contains(&3.0)
             })
             .count();
-        // As above: four binomial standard deviations. What the delta method leaves out is of second order, (2 %)^2.
+        // As above: four binomial standard deviations. The delta method has an error of order 0.02^2.
         assert!((hits as f64 / f64::from(trials) - 0.95).abs() < 0.014, "{hits} of {trials}");
     }
 }

@@ -3,23 +3,24 @@
 use crate::error::{Error, Result};
 use crate::image::Image;
 
-/// Added to the squared reference in the relative error, so that black pixels do not decide it.
+/// Added to the squared reference in the relative error, so that black pixels do not dominate it.
 pub const RELATIVE_EPSILON: f64 = 0.01;
 
-/// The part of the pixels that the trimmed relative error leaves out, the worst ones: a few outliers ("fireflies") can
-/// hold most of a mean, and then say more about luck than about the sampler.
+/// Fraction of the pixels, those with the largest error, that the trimmed relative error excludes: a few
+/// outliers ("fireflies") can dominate a mean.
 pub const TRIMMED_FRACTION: f64 = 0.001;
 
 /// Means over all pixels and channels of the error of an image against a reference.
 ///
-/// An image with NaN or infinite pixels has NaN or infinite errors, in all three: a broken pixel is not trimmed away.
+/// An image with NaN or infinite pixels has NaN or infinite values of all three: trimming does not hide
+/// broken pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorMetrics {
     /// Mean of `(x - r)^2`.
     pub mse: f64,
     /// Mean of `(x - r)^2 / (r^2 + RELATIVE_EPSILON)`.
     pub relmse: f64,
-    /// The same, without the [`TRIMMED_FRACTION`] (rounded down) of pixels with the largest relative error.
+    /// `relmse` without the [`TRIMMED_FRACTION`] (rounded down) of pixels with the largest relative error.
     pub relmse_trimmed: f64,
 }
 
@@ -62,9 +63,11 @@ impl ErrorMetrics {
     }
 }
 
-/// Time to unit variance: `mse * seconds`. With independent samples, the error falls as time grows: the product stays the same at every
-/// budget, and its ratio between two samplers is the ratio of the times they take to the same error. With Sobol points the error falls faster, and
-/// the product is comparable at about equal times alone.
+/// Returns the time to unit variance, `mse * seconds`.
+///
+/// With independent samples, MSE is inversely proportional to time: the product does not depend on the
+/// budget, and its ratio between two samplers is the ratio of their times to equal MSE. With Sobol points MSE
+/// falls faster, and the product is comparable only at about equal times.
 pub fn ttuv(mse: f64, seconds: f64) -> f64 {
     mse * seconds
 }
@@ -78,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn errors_are_those_of_the_formulas() {
+    fn errors_match_the_formulas() {
         let metrics = ErrorMetrics::of(&grey(&[1.0, 3.0]), &grey(&[0.0, 1.0])).unwrap();
         assert!((metrics.mse - 2.5).abs() < 1e-12);
         assert!((metrics.relmse - 0.5 * (1.0 / 0.01 + 4.0 / 1.01)).abs() < 1e-9);
@@ -86,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_count_alike() {
+    fn channels_have_equal_weight() {
         let image = |pixel| Image { width: 1, height: 1, pixels: vec![pixel] };
         for pixel in [[3.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 3.0]] {
             assert!((ErrorMetrics::of(&image(pixel), &image([0.0; 3])).unwrap().mse - 3.0).abs() < 1e-12);
@@ -118,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn different_sizes_are_refused() {
+    fn different_and_empty_sizes_are_rejected() {
         assert!(ErrorMetrics::of(&Image::black(2, 3), &Image::black(3, 2)).is_err());
         assert!(ErrorMetrics::of(&Image::black(0, 0), &Image::black(0, 0)).is_err());
     }

@@ -1,5 +1,5 @@
-//! How results are judged: errors against a reference, confidence intervals, and the tests that decide whether samplers
-//! agree with their densities and with each other.
+//! Evaluation of results: errors against a reference, confidence intervals, and tests that samplers agree
+//! with their densities and with each other.
 //!
 //! Everything here computes in `f64`.
 //!
@@ -29,10 +29,10 @@ pub use relative_variance::{relative_variance, relative_variance_of_log_moment};
 pub use tiles::{TileTest, compare_images, compare_runs};
 pub use welch::{Moments, TTest};
 
-/// The significance of each of `tests` independent tests that gives `significance` to all of them together: the chance
-/// that *any* of them rejects a true hypothesis (Sidak 1967), `1 - (1 - significance)^(1 / tests)`.
+/// Returns the significance per test, `1 - (1 - significance)^(1 / tests)`, at which the probability that
+/// *any* of `tests` independent tests rejects a true hypothesis is `significance` (Sidak 1967).
 pub fn sidak(significance: f64, tests: usize) -> f64 {
-    // Without cancellation: significances of 1e-8 and below are common with thousands of tiles.
+    // Avoids cancellation: significances of 1e-8 and below are common with thousands of tiles.
     -((-significance).ln_1p() / tests.max(1) as f64).exp_m1()
 }
 

@@ -1,15 +1,16 @@
 //! The relative variance of a one-sample estimate.
 
-/// The variance of `f / q` over the square of its mean, where `q` is the density of the sample, from the logarithm of
-/// `integral f^2 / q / (integral f)^2`: the chi-square divergence of `q` from the density proportional to `f`.
+/// Returns the variance of `f / q` over the square of its mean, where `q` is the density of the sample, from
+/// the logarithm of `integral f^2 / q / (integral f)^2`: the chi-square divergence of `q` from the density
+/// proportional to `f`.
 ///
-/// That logarithm is the Renyi divergence of order 2, and the loss that bounds its gradients.
+/// That logarithm is the Renyi divergence of order 2; as a loss, it has bounded gradients.
 pub fn relative_variance_of_log_moment(log_moment: f64) -> f64 {
     log_moment.exp_m1()
 }
 
-/// The variance over the square of the mean, from the means of values and of their squares; not below 0, which rounding may
-/// reach.
+/// Returns the variance over the square of the mean, from the means of values and of their squares; clamped
+/// at 0, since rounding may give negative values.
 pub fn relative_variance(mean: f64, mean_square: f64) -> f64 {
     (mean_square / (mean * mean) - 1.0).max(0.0)
 }

@@ -1,7 +1,8 @@
-//! Do two samplers converge to the same picture? A t-test per tile, with the significance corrected for their number.
+//! Test that two samplers converge to the same picture: a t-test per tile, with significance corrected for
+//! the number of tiles.
 //!
-//! Tiles, not pixels: a mean over some hundred pixels is close to normally distributed even when single pixels are not,
-//! and a bias of one part in a thousand, invisible in a pixel, stands out. Tests are on luminance.
+//! The mean over some hundred pixels is close to normally distributed even when single pixels are not, and a
+//! bias of 0.1 %, invisible in a pixel, is significant. Tests are on luminance.
 
 use std::fmt;
 
@@ -13,13 +14,13 @@ use crate::image::Image;
 /// The outcome of a comparison tile by tile.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileTest {
-    /// Tiles in a row.
+    /// Number of columns of tiles.
     pub columns: usize,
-    /// Rows of tiles.
+    /// Number of rows of tiles.
     pub rows: usize,
     /// `[rows * columns]` tests, from the top left.
     pub tests: Vec<TTest>,
-    /// A tile with a smaller p-value than this differs: the significance of the whole comparison after Sidak's correction.
+    /// Tiles with smaller p-values differ; the significance of the whole comparison after Sidak's correction.
     pub threshold: f64,
 }
 
@@ -29,12 +30,12 @@ impl TileTest {
         Self { columns, rows, tests, threshold }
     }
 
-    /// Whether no tile differs.
+    /// Returns whether no tile differs.
     pub fn passed(&self) -> bool {
         self.worst().2 >= self.threshold
     }
 
-    /// Column, row and p-value of the tile with the smallest p-value.
+    /// Returns column, row and p-value of the tile with the smallest p-value.
     pub fn worst(&self) -> (usize, usize, f64) {
         let (index, test) = self
             .tests
@@ -45,7 +46,7 @@ impl TileTest {
         (index % self.columns, index / self.columns, test.p_value)
     }
 
-    /// The number of tiles that differ.
+    /// Returns the number of tiles that differ.
     pub fn differing(&self) -> usize {
         self.tests.iter().filter(|test| test.p_value < self.threshold).count()
     }
@@ -61,12 +62,13 @@ impl fmt::Display for TileTest {
     }
 }
 
-/// Compares two renderings, one of each sampler, of the same view: in each tile, a t-test that the differences of their
-/// pixels have mean zero.
+/// Compares two samplers by one rendering each of the same view: in each tile, a t-test that the differences
+/// of their pixels have mean zero.
 ///
-/// Texture and shading cancel in the difference, so only noise is left as variance; pixels must be independent, i.e. the
-/// reconstruction filter a box, and the points not `zsobol`. `tile` is the least width and height of a tile in pixels; 16 is a good choice.
-/// `significance` is the chance that equal samplers are told apart, 0.01 say.
+/// Texture and shading cancel in the difference, so that only noise remains. Pixels must be independent: the
+/// reconstruction filter must be a box, and the points not `zsobol`. `tile` is the minimum width and height
+/// of a tile in pixels; 16 is a good choice. `significance` is the probability of a false rejection, for
+/// example 0.01.
 ///
 /// # Errors
 /// [`Error::Argument`] if sizes differ, or tiles would have fewer than 8 pixels.
@@ -85,10 +87,12 @@ pub fn compare_images(a: &Image, b: &Image, tile: usize, significance: f64) -> R
     Ok(TileTest::new(size, tests, significance))
 }
 
-/// Compares runs (of different seeds) of two samplers: in each tile, Welch's t-test on the tile's mean in each run.
+/// Compares two samplers by runs of different seeds: in each tile, Welch's t-test on the tile's mean in each
+/// run.
 ///
-/// Needs no independence of the pixels of a run, but at least two runs of each; ten or so for a sharp test. The runs of
-/// `a` must not share random numbers with those of `b`. For `tile`, `significance` and errors see [`compare_images`].
+/// Pixels of a run need not be independent. At least two runs of each sampler are required, about ten for a
+/// sensitive test. The runs of `a` must not share random numbers with those of `b`. For `tile`,
+/// `significance` and errors see [`compare_images`].
 ///
 /// # Errors
 /// [`Error::Argument`] also for fewer than two runs.
@@ -111,7 +115,7 @@ pub fn compare_runs(a: &[Image], b: &[Image], tile: usize, significance: f64) ->
     Ok(TileTest::new(size, tests, significance))
 }
 
-/// The fewest pixels of a tile whose mean is worth a test.
+/// Minimum number of pixels of a tile.
 const LEAST_PIXELS: usize = 8;
 
 /// A rectangle of pixels.
@@ -161,7 +165,7 @@ mod tests {
     use super::*;
     use crate::random::{Purpose, Stream};
 
-    /// A textured image with the exponential noise of a Monte Carlo estimate of one sample, times `factor` inside a disc.
+    /// Returns a textured image with exponential noise, times `factor` inside a disc.
     fn noisy(seed: u64, factor: f32) -> Image {
         let mut random = Stream::new(seed, Purpose::Test, 5);
         let mut image = Image::black(130, 70);
@@ -197,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_samplers_are_told_apart_no_more_often_than_asked() {
+    fn false_rejections_are_not_more_frequent_than_the_significance() {
         let rejected = (0..200)
             .filter(|seed| {
                 !compare_images(&noisy(2 * seed, 1.0), &noisy(2 * seed + 1, 1.0), 16, 0.05).unwrap().passed()
@@ -208,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn a_furnace_is_compared_to_rounding_and_broken_pixels_fail() {
+    fn constant_images_are_compared_up_to_rounding_and_nan_pixels_fail() {
         let constant = |value: f32| Image { width: 32, height: 32, pixels: vec![[value; 3]; 1024] };
         assert!(compare_images(&constant(1.0), &constant(1.000_001), 16, 0.01).unwrap().passed());
         assert!(!compare_images(&constant(1.0), &constant(1.01), 16, 0.01).unwrap().passed());
@@ -218,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn unusable_sizes_are_refused() {
+    fn invalid_sizes_are_rejected() {
         let image = |w, h| Image::black(w, h);
         assert!(compare_images(&image(32, 32), &image(32, 31), 16, 0.01).is_err());
         assert!(compare_images(&image(32, 32), &image(32, 32), 2, 0.01).is_err());

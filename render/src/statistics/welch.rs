@@ -1,26 +1,27 @@
-//! Do two samples have the same mean? Welch's t-test for independent ones of unequal variance, Student's for pairs.
+//! Tests for equal means of two samples: Welch's t-test for independent ones of unequal variance, Student's
+//! for pairs.
 
 use statrs::distribution::ContinuousCDF;
 
 use super::interval::students_t;
 
-/// Means that differ by less than this part are equal when neither sample has any variance: sums of `f32` radiances in
-/// different orders differ by some 1e-7, a wrong constant by far more.
+/// Relative difference up to which means are equal if neither sample has any variance: sums of `f32`
+/// radiances in different orders differ by some 1e-7, a wrong constant by far more.
 const ROUNDING: f64 = 1e-5;
 
 /// Number, mean and (unbiased) variance of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moments {
-    /// The number of values, at least 1.
+    /// Number of values, at least 1.
     pub count: usize,
-    /// Their mean.
+    /// Mean.
     pub mean: f64,
-    /// Their variance with `count - 1`; 0 for a single value.
+    /// Variance with `count - 1`; 0 for a single value.
     pub variance: f64,
 }
 
 impl Moments {
-    /// The moments of a sample; `None` if it is empty.
+    /// Computes the moments of a sample; `None` if it is empty.
     pub fn of(values: &[f64]) -> Option<Self> {
         if values.is_empty() {
             return None;
@@ -32,7 +33,7 @@ impl Moments {
         Some(Self { count, mean, variance })
     }
 
-    /// The variance of the mean.
+    /// Returns the variance of the mean.
     fn of_mean(&self) -> f64 {
         self.variance / self.count as f64
     }
@@ -45,12 +46,13 @@ pub struct TTest {
     pub t: f64,
     /// Degrees of freedom.
     pub degrees_of_freedom: f64,
-    /// The chance of a `|t|` at least this large if the means are equal. NaN in, 0 out: what is not a number never passes.
+    /// Probability of a `|t|` at least this large if the means are equal; 0 if an input is NaN.
     pub p_value: f64,
 }
 
 impl TTest {
-    /// Welch's test of two independent samples (Welch 1947; degrees of freedom by Welch and Satterthwaite).
+    /// Performs Welch's test of two independent samples (Welch 1947; degrees of freedom by Welch and
+    /// Satterthwaite).
     pub fn welch(a: &Moments, b: &Moments) -> Self {
         let (va, vb) = (a.of_mean(), b.of_mean());
         let freedom = |v: f64, count: usize| if v > 0.0 { v * v / (count - 1) as f64 } else { 0.0 };
@@ -58,8 +60,8 @@ impl TTest {
         Self::new(a.mean - b.mean, va + vb, degrees_of_freedom, a.mean.abs().max(b.mean.abs()))
     }
 
-    /// Student's test that pairwise differences, of values near `scale`, have mean zero; one degree of freedom less than
-    /// there are pairs. At least two are needed.
+    /// Performs Student's test that pairwise differences, of values near `scale`, have mean zero, with one
+    /// degree of freedom less than the number of pairs. At least two pairs are needed.
     pub fn paired(differences: &Moments, scale: f64) -> Self {
         Self::new(differences.mean, differences.of_mean(), (differences.count - 1) as f64, scale)
     }
@@ -92,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn pairs_have_one_degree_of_freedom_less_than_their_number() {
+    fn n_pairs_have_n_minus_1_degrees_of_freedom() {
         let test = TTest::paired(&Moments::of(&[1.0, 2.0, 3.0]).unwrap(), 2.0);
         assert!((test.t - 12.0_f64.sqrt()).abs() < 1e-12 && test.degrees_of_freedom == 2.0);
         // The distribution function of 2 degrees of freedom: 1/2 + t / (2 sqrt(2 + t^2)).
@@ -130,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_samples_are_compared_to_rounding() {
+    fn constant_samples_are_compared_up_to_rounding() {
         let constant = |mean| Moments { count: 4, mean, variance: 0.0 };
         assert_eq!(TTest::welch(&constant(1.0), &constant(1.0 + 1e-7)).p_value, 1.0);
         assert_eq!(TTest::welch(&constant(1.0), &constant(1.001)).p_value, 0.0);
@@ -138,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_never_passes() {
+    fn nan_never_passes() {
         let a = Moments::of(&[1.0, 2.0, 3.0]).unwrap();
         let broken = Moments::of(&[1.0, f64::NAN, 3.0]).unwrap();
         assert_eq!(TTest::welch(&a, &broken).p_value, 0.0);

@@ -25,7 +25,7 @@ fn flow_tails_survive_a_file() {
         let spec: SamplerSpec = format!("{spec}:{}", path.display()).parse().unwrap();
         spec.build(&map).unwrap();
     }
-    // A table that is not one to one.
+    // A table that is not injective.
     let mut bytes = std::fs::read(&path).unwrap();
     let node = 0.05_f32 * (6.0 * (3.0 / 16.0_f32)).sin();
     let found = bytes.windows(4).position(|four| four == node.to_le_bytes()).unwrap();

@@ -1,4 +1,4 @@
-//! Exported files: what is written is what is read, and nothing that a file may hold makes the reader panic.
+//! Exported files: round trips are exact, and no file content makes the reader panic.
 
 mod flow_tails;
 #[path = "../layers/mod.rs"]
@@ -35,7 +35,7 @@ fn head(mode: Mode, encoder: bool) -> Head {
     head_of(Condition::Normal, mode, encoder, false)
 }
 
-/// A head with random weights, of the size that its condition asks for.
+/// Returns a head with random weights, of the size that its condition requires.
 fn head_of(condition: Condition, mode: Mode, encoder: bool, share: bool) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut layers = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
@@ -67,7 +67,7 @@ fn training() -> TrainingSummary {
     }
 }
 
-/// Every kind of content with either tail.
+/// Returns samplers of every kind of content with either tail.
 fn samplers() -> Vec<ExportedSampler> {
     let map = environment("test map", 0);
     let mut samplers = Vec::new();
@@ -97,7 +97,7 @@ fn shading_point(normal: Vec3A) -> ShadingPoint {
     ShadingPoint { p: Vec3A::ZERO, ng: normal, ns: normal, wo: normal, surface }
 }
 
-/// What a sampler draws: directions and both pdfs, as bits; 16 at each of several points.
+/// Returns a sampler's draws: directions and both pdfs, as bits; 16 at each of several points.
 fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
     fn of(sampler: &dyn Sampler, count: usize) -> Vec<[u32; 5]> {
         let draw = |k: u64| {
@@ -127,7 +127,7 @@ fn draws(sampler: &ExportedSampler, count: usize) -> Vec<[u32; 5]> {
     }
 }
 
-/// Heads for microfacet surfaces with the networks of their shares.
+/// Returns heads for microfacet surfaces with selection networks.
 fn microfacet_samplers() -> Vec<ExportedSampler> {
     let map = environment("test map", 0);
     let kinds = [
@@ -142,7 +142,7 @@ fn microfacet_samplers() -> Vec<ExportedSampler> {
 }
 
 #[test]
-fn patches_are_between_a_head_and_the_hierarchical_tail_alone() {
+fn patches_require_a_head_and_the_hierarchical_tail() {
     let folder = Folder::new();
     for sampler in samplers() {
         let is_head = matches!(sampler.intermediate, Intermediate::Head(_));
@@ -159,7 +159,7 @@ fn patches_are_between_a_head_and_the_hierarchical_tail_alone() {
     }
 }
 
-/// A folder of files that is removed in the end.
+/// A temporary folder of files.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -179,19 +179,19 @@ impl Folder {
 
     fn read(&self, bytes: &[u8]) -> Result<ExportedSampler, String> {
         let path = self.path("hostile.safetensors");
-        // A new file each time: some file systems wait for the disk when one is truncated and written again.
+        // Some file systems wait for the disk when a file is truncated and rewritten, so it is removed first.
         let _ = fs::remove_file(&path);
         fs::write(&path, bytes).unwrap();
         ExportedSampler::read(&path).map_err(|error| one_sentence(&error, &path))
     }
 
-    /// The error of a file that must be refused.
+    /// Returns the error of a file that must be rejected.
     fn refused(&self, bytes: &[u8]) -> String {
         self.read(bytes).expect_err("the file is accepted")
     }
 }
 
-/// Checks the form of an error: one line that names the file.
+/// Checks that an error is one line that names the file, and returns it.
 fn one_sentence(error: &Error, path: &Path) -> String {
     let text = error.to_string();
     assert!(text.starts_with(&path.display().to_string()), "the file is not named: {text}");
@@ -199,7 +199,7 @@ fn one_sentence(error: &Error, path: &Path) -> String {
     text[path.display().to_string().len()..].to_owned()
 }
 
-/// A file taken apart: the JSON header, and the bytes behind it.
+/// A file split into the JSON header and the bytes after it.
 struct Parts {
     header: Value,
     body: Vec<u8>,
@@ -241,7 +241,7 @@ impl Parts {
 }
 
 #[test]
-fn what_is_read_samples_like_what_was_written() {
+fn read_samplers_draw_as_written_ones() {
     let folder = Folder::new();
     for sampler in samplers().into_iter().chain(microfacet_samplers()) {
         let bytes = folder.bytes_of(&sampler);

@@ -1,4 +1,4 @@
-//! What is refused, with the name of what is wrong, and never a panic.
+//! Rejected files: errors name the invalid entry, and nothing panics.
 
 use super::*;
 
@@ -26,14 +26,14 @@ fn flipped_bytes_never_panic() {
         let mut random = Stream::new(2, Purpose::Test, 0);
         for round in 0..1500 {
             let mut bytes = bytes.clone();
-            // Two thirds of the mutations hit the header; a few hit several bytes.
+            // 2/3 of the mutations hit the header; a few hit several bytes.
             let (start, end) = if round % 3 < 2 { (0, header) } else { (header, bytes.len()) };
             for _ in 0..1 + round % 3 {
                 let place = start + ((end - start) as f32 * random.uniform()) as usize;
                 let flip = 1 + (255.0 * random.uniform()) as u8;
                 bytes[place.min(end - 1)] ^= flip;
             }
-            // What is accepted must draw without a panic, too.
+            // Accepted files must draw without a panic, too.
             if let Ok(read) = folder.read(&bytes) {
                 accepted += 1;
                 draws(&read, 20);
@@ -60,7 +60,7 @@ fn wrong_descriptions_are_refused_by_name() {
     expect(&refused(&|d| d["intermediate"]["bins"] = json!(1)), &["bins"]);
     expect(&refused(&|d| d["tail"] = json!("spiral")), &["spiral"]);
     expect(&refused(&|d| d["condition"] = json!("visibility")), &["visibility"]);
-    // Another condition has another length.
+    // Conditions differ in length.
     expect(&refused(&|d| d["condition"] = json!("ggx")), &["encoder.linear0", "after 10"]);
     expect(&refused(&|d| d["intermediate"]["kind"] = json!("mixture")), &["mixture"]);
     expect(&refused(&|d| d["intermediate"]["mode"] = json!("both")), &["both"]);
@@ -69,10 +69,10 @@ fn wrong_descriptions_are_refused_by_name() {
     expect(&refused(&|d| d["intermediate"]["encoder_layers"] = json!(usize::MAX)), &["encoder", "16"]);
     expect(&refused(&|d| d["intermediate"]["network_layers"] = json!(0)), &["layer0"]);
     expect(&refused(&|d| d["intermediate"]["network_layers"] = json!(4)), &["layer0.linear3.weight", "missing"]);
-    // A layer that the description does not mention is an unknown tensor, not an ignored one.
+    // A layer missing from the description is an unknown tensor, not ignored.
     expect(&refused(&|d| d["intermediate"]["encoder_layers"] = json!(1)), &["layer0.linear0"]);
     expect(&refused(&|d| d["intermediate"] = json!({"kind": "bake"})), &["table.masses", "missing"]);
-    // The other mode takes other inputs.
+    // Modes differ in inputs.
     expect(&refused(&|d| d["intermediate"]["mode"] = json!("autoregressive")), &["layer0.linear0"]);
     expect(&refused(&|d| *d = json!([1, 2])), &["format_version"]);
 
@@ -140,7 +140,7 @@ fn wrong_tensors_are_refused_by_name() {
 }
 
 #[test]
-fn a_wrong_network_of_the_share_is_refused_by_name() {
+fn a_wrong_selection_network_is_refused_by_name() {
     let folder = Folder::new();
     let expect = |bytes: &[u8], words: &[&str]| {
         let error = folder.refused(bytes);
@@ -149,7 +149,8 @@ fn a_wrong_network_of_the_share_is_refused_by_name() {
     for sampler in microfacet_samplers() {
         let bytes = folder.bytes_of(&sampler);
         let shaped = |name: &str, shape: Value| Parts::of(&bytes).entry(name, |entry| entry["shape"] = shape);
-        // As many numbers in another shape: the condition, then the encoder's five outputs, to 4 and on to 1.
+        // An equal number of values in another shape: the condition, then the encoder's five outputs, to 4
+        // and on to 1.
         let seen = Parts::of(&bytes).header["selection.linear0.weight"]["shape"][1].as_u64().unwrap();
         expect(&shaped("selection.linear0.weight", json!([seen, 4])), &["selection.linear0"]);
         expect(&shaped("selection.linear0.weight", json!([2, 2 * seen])), &["selection.linear0"]);
@@ -165,7 +166,7 @@ fn a_wrong_network_of_the_share_is_refused_by_name() {
         expect(&layers(3), &["selection.linear2.weight", "missing"]);
         expect(&layers(usize::MAX), &["selection", "16"]);
     }
-    // Layers that fit each other, but not the head: those of the shorter condition.
+    // Layers of the shorter condition fit each other, but not the head.
     let [ggx, roughness] = [0, 1].map(|k| folder.bytes_of(&microfacet_samplers()[k]));
     let mut parts = Parts::of(&roughness);
     let other = Parts::of(&ggx);
@@ -199,7 +200,7 @@ fn extreme_weights_never_panic() {
         let names: Vec<String> = Parts::of(&bytes).header.as_object().unwrap().keys().cloned().collect();
         for name in names.iter().filter(|name| name.contains("linear")) {
             for value in [0.0, f32::MAX, -f32::MAX, 1e20, f32::MIN_POSITIVE, -1e3] {
-                // Some make no density and are refused.
+                // Some values give no valid density and are rejected.
                 if let Ok(read) = folder.read(&Parts::of(&bytes).values(name, value)) {
                     draws(&read, 50);
                 }
@@ -209,13 +210,13 @@ fn extreme_weights_never_panic() {
 }
 
 #[test]
-fn what_is_no_sampler_file_is_refused() {
+fn files_other_than_samplers_are_refused() {
     let folder = Folder::new();
     assert!(folder.refused(b"").contains("no sampler written by headtail"));
     assert!(folder.refused(b"# a text file\nwith two lines\n").contains("no sampler written by headtail"));
     assert!(folder.refused(&[0; 4096]).contains("no sampler written by headtail"));
     assert!(folder.refused(&[0xFF; 4096]).contains("no sampler written by headtail"));
-    // Nested JSON deep enough to exhaust a recursive parser's stack.
+    // JSON nested deep enough to exhaust a recursive parser's stack.
     let deep = format!("{{\"a\":{}", "[".repeat(200_000));
     assert!(folder.refused(&[&(deep.len() as u64).to_le_bytes(), deep.as_bytes()].concat()).contains("header"));
     for path in [folder.0.path().to_owned(), folder.path("not there.safetensors")] {
@@ -224,7 +225,7 @@ fn what_is_no_sampler_file_is_refused() {
 }
 
 #[test]
-fn a_map_that_is_not_the_sampler_s_is_refused() {
+fn a_map_other_than_the_sampler_s_is_refused() {
     let folder = Folder::new();
     let path = folder.path("head.safetensors");
     samplers()[0].write(&path).unwrap();
@@ -235,8 +236,8 @@ fn a_map_that_is_not_the_sampler_s_is_refused() {
     for word in ["test map", "other map", "bake it for this map"] {
         assert!(error.contains(word), "{error}");
     }
-    // The hash is of the map; the tail is built from the luminance in the file, which must be that of the map: where it
-    // is dark and the map is not, light would be lost without a word.
+    // The hash is of the map, but the tail is built from the luminance in the file, which must match the map:
+    // where only the luminance is 0, light would be lost silently.
     let mut parts = Parts::of(&fs::read(&path).unwrap());
     let first = parts.header["tail.luminance"]["data_offsets"][0].as_u64().unwrap() as usize;
     parts.body[first + 160..first + 320].fill(0);

@@ -1,9 +1,9 @@
-//! What is refused: cut, damaged and lying files, and what is no file.
+//! Rejected input: truncated, damaged and inconsistent files, and paths that are not regular files.
 
 use super::{openexr::*, *};
 
 #[test]
-fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
+fn invalid_maps_are_rejected_with_one_line_that_names_file_and_field() {
     let folder = tempfile::tempdir().unwrap();
     let message = |name: &str, bytes: &[u8]| {
         let error = read_radiance(&write(folder.path(), name, bytes)).unwrap_err().to_string();
@@ -29,7 +29,7 @@ fn what_is_not_a_map_gets_one_sentence_with_file_and_field() {
 #[test]
 fn pipes_devices_and_folders_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    // Nobody writes to the pipe: opening it would wait for ever.
+    // The pipe has no writer: opening it would block forever.
     let pipe = folder.path().join("pipe.hdr");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for (path, word) in [
@@ -42,14 +42,14 @@ fn pipes_devices_and_folders_are_refused_at_once() {
     }
 }
 
-/// The position of a header attribute's value in a file.
+/// Returns the position of a header attribute's value in a file.
 fn attribute_value(bytes: &[u8], name_and_type: &[u8]) -> usize {
     let start = bytes.windows(name_and_type.len()).position(|window| window == name_and_type).unwrap();
     start + name_and_type.len() + 4
 }
 
 #[test]
-fn exr_headers_that_promise_too_much_are_refused_before_allocation() {
+fn exr_headers_with_excessive_sizes_are_rejected_before_allocation() {
     let folder = tempfile::tempdir().unwrap();
     let image = picture(16, 16);
     let files = [exr_file((16, 16), tiles(8, 8), f32_channels(&image)), encode_exr(&image, &[]).unwrap()];
@@ -64,14 +64,14 @@ fn exr_headers_that_promise_too_much_are_refused_before_allocation() {
             assert!(error.contains("dataWindow") || error.contains("header"), "{last}: {error}");
         }
     }
-    // More than the limit, whatever the file's size.
+    // More than the limit, independently of the file's size.
     let mut damaged = encode_exr(&picture(16, 1), &[]).unwrap();
     let window = attribute_value(&damaged, b"dataWindow\0box2i\0");
     damaged[window + 8..window + 12].copy_from_slice(&(MAX_PIXELS as i32).to_le_bytes());
     let error = read_radiance(&write(folder.path(), "a.exr", &damaged)).unwrap_err().to_string();
     assert!(error.contains("dataWindow: 134217729 x 1 pixels"), "{error}");
 
-    // A single tile, whose number does not change when it grows.
+    // A single tile, whose count does not change when it grows.
     let mut damaged = exr_file((16, 16), tiles(16, 16), f32_channels(&image));
     let tile = attribute_value(&damaged, b"tiles\0tiledesc\0");
     for at in [tile, tile + 4] {
@@ -81,7 +81,7 @@ fn exr_headers_that_promise_too_much_are_refused_before_allocation() {
     assert!(error.contains("tiles: a block of pixels is larger"), "{error}");
 }
 
-/// Small valid files of both formats, every coding among them.
+/// Returns small valid files of both formats in every coding.
 fn small_files() -> Vec<(String, Vec<u8>)> {
     use exr::prelude::Compression::{B44, DWAA, PIZ, PXR24, RLE, Uncompressed, ZIP1, ZIP16};
     let image = picture(12, 9);
@@ -119,7 +119,8 @@ fn damaged_files_never_panic() {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let mut below = |bound: usize| (random.uniform() as f64 * bound as f64) as usize;
     for (name, bytes) in small_files() {
-        // Every byte of the header region set to the values that break sizes and signs, then random damage of several bytes.
+        // Sets every byte of the header region to values that break sizes and signs, then damages several
+        // random bytes.
         let mut cases = Vec::new();
         for at in 0..bytes.len().min(600) {
             for value in [0, 0x7f, 0x80, 0xff] {
@@ -141,7 +142,8 @@ fn damaged_files_never_panic() {
     }
 }
 
-/// A file of two DWA blocks with every kind of channel (cosines, run lengths, others), and where the blocks' counters start.
+/// Returns a file of two DWA blocks with every kind of channel (cosines, run lengths, others), and the
+/// positions of the blocks' counters.
 fn dwa_file(compression: exr::prelude::Compression) -> (Vec<u8>, Vec<usize>) {
     let rows = compression.scan_lines_per_block();
     let image = picture(64, 2 * rows);
@@ -151,21 +153,22 @@ fn dwa_file(compression: exr::prelude::Compression) -> (Vec<u8>, Vec<usize>) {
     let channels = vec![("R", half(0)), ("G", half(1)), ("B", half(2)), ("A", alpha), ("Z", depth)];
     let bytes = exr_file((64, 2 * rows), scan_lines(compression), channels);
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
-    // The table of two offsets ends where the first block is. A block starts with its row and its length, 4 bytes each.
+    // The first block follows the table of two offsets. A block starts with its row and its length, 4 bytes
+    // each.
     let table = (8..bytes.len() - 16).find(|&at| number(at) == at + 16).unwrap();
     let counters = vec![number(table) + 8, number(table + 8) + 8];
     (bytes, counters)
 }
 
 #[test]
-fn dwa_blocks_that_promise_too_much_are_refused_before_allocation() {
+fn dwa_blocks_with_excessive_sizes_are_rejected_before_allocation() {
     use exr::prelude::Compression::{DWAA, DWAB};
     let folder = tempfile::tempdir().unwrap();
     for compression in [DWAA(None), DWAB(None)] {
         let (bytes, blocks) = dwa_file(compression);
         assert_eq!(read_radiance(&write(folder.path(), "a.exr", &bytes)).unwrap().width, 64);
         for start in blocks {
-            // Counters 1 to 9 are sizes; 0 is the version, 10 how cosines are coded.
+            // Counters 1 to 9 are sizes; 0 is the version, 10 the coding of cosines.
             for counter in 0..11 {
                 for value in [0, 1, 5, 1 << 10, 1 << 20, 1 << 31, 1 << 41, i64::MAX as u64, u64::MAX] {
                     let mut damaged = bytes.clone();

@@ -1,4 +1,4 @@
-//! Reading and writing of images: exact round trips, every form of OpenEXR that maps come in, and hostile files.
+//! Reading and writing of images: exact round trips, all forms of OpenEXR that maps use, and hostile files.
 
 mod hostile;
 mod openexr;
@@ -18,7 +18,7 @@ use headtail_render::image::{
 };
 use headtail_render::random::{Purpose, Stream};
 
-/// An image of values that 16-bit floats hold exactly, so that every sample type must give it back.
+/// Returns an image of values that 16-bit floats represent exactly, so that every sample type is lossless.
 fn picture(width: usize, height: usize) -> Image {
     let pixel = |i: usize| [i as f32 * 0.5, (i % 7) as f32 - 3.0, 1024.0 + (i % 64) as f32];
     Image { width, height, pixels: (0..width * height).map(pixel).collect() }
@@ -30,12 +30,12 @@ fn write(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
     path
 }
 
-/// The samples of one colour of an image.
+/// Returns the samples of one colour of an image.
 fn channel(image: &Image, colour: usize) -> Vec<f32> {
     image.pixels.iter().map(|pixel| pixel[colour]).collect()
 }
 
-/// An uncompressed Radiance file of RGBE pixels.
+/// Returns an uncompressed Radiance file of RGBE pixels.
 fn hdr_file(width: usize, height: usize, rgbe: &[[u8; 4]]) -> Vec<u8> {
     let mut bytes = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n").into_bytes();
     bytes.extend_from_slice(rgbe.as_flattened());
@@ -43,7 +43,7 @@ fn hdr_file(width: usize, height: usize, rgbe: &[[u8; 4]]) -> Vec<u8> {
 }
 
 #[test]
-fn hdr_is_read_flat_and_run_length_coded_whatever_its_name() {
+fn hdr_is_read_flat_and_run_length_coded_independently_of_its_name() {
     let folder = tempfile::tempdir().unwrap();
     // 2^(136 - 136) * mantissa = mantissa.
     let rgbe = [[10, 20, 30, 136], [1, 2, 3, 136], [0, 0, 0, 0], [128, 64, 32, 129]];
@@ -62,7 +62,7 @@ fn hdr_is_read_flat_and_run_length_coded_whatever_its_name() {
 }
 
 #[test]
-fn hdr_written_by_the_image_crate_comes_back_to_its_precision() {
+fn hdr_written_by_the_image_crate_is_read_to_its_precision() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = Stream::new(7, Purpose::Test, 0);
     let mut image = Image::black(64, 16);
@@ -81,7 +81,7 @@ fn hdr_written_by_the_image_crate_comes_back_to_its_precision() {
 }
 
 #[test]
-fn tone_map_is_monotonic_neutral_and_shows_what_is_not_a_number() {
+fn tone_map_is_monotonic_and_neutral_and_highlights_nan() {
     assert_eq!(tone_map(Vec3A::ZERO), [0; 3]);
     assert_eq!(tone_map(Vec3A::splat(8.0)), [255; 3]);
     assert_eq!(tone_map(Vec3A::splat(f32::INFINITY)), [255; 3]);
@@ -96,7 +96,7 @@ fn tone_map_is_monotonic_neutral_and_shows_what_is_not_a_number() {
     // A saturated bright colour fades towards white but keeps its hue.
     let [r, g, b] = tone_map(Vec3A::new(20.0, 1.0, 0.2));
     assert!(r == 255 && g > 128 && g >= b, "{r} {g} {b}");
-    // A dark one is left alone: its ratios stay, up to the 8 bits.
+    // A dark colour keeps its ratios, up to the 8 bits.
     assert_eq!(tone_map(Vec3A::new(0.05, 0.0, 0.0))[1], 0);
 }
 
@@ -136,7 +136,7 @@ fn writing_replaces_whole_files_and_leaves_nothing_behind() {
     }
 }
 
-/// The folder of real maps, if this machine has it.
+/// Returns the folder of real maps, if this machine has it.
 fn real_maps() -> Option<PathBuf> {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .ancestors()
@@ -161,7 +161,7 @@ fn real_maps_are_read_whole() {
         assert_eq!((image.width, image.height), (width, width / 2), "{}", path.display());
         let sum: f64 = image.pixels.iter().flatten().map(|&v| f64::from(v)).sum();
         assert!(sum.is_finite() && sum > 0.0, "{}", path.display());
-        // No row is left black: every block was placed.
+        // No row is black, so every block was placed.
         assert!(image.pixels.chunks(width).all(|row| row.iter().flatten().any(|&v| v != 0.0)), "{}", path.display());
         read += 1;
     }

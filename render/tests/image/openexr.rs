@@ -1,8 +1,8 @@
-//! OpenEXR in every form that maps come in.
+//! All forms of OpenEXR that maps use.
 
 use super::*;
 
-/// An OpenEXR file of named channels.
+/// Returns an OpenEXR file of named channels.
 pub fn exr_file(size: (usize, usize), encoding: Encoding, channels: Vec<(&str, Levels<FlatSamples>)>) -> Vec<u8> {
     let channels = channels.into_iter().map(|(name, levels)| AnyChannel::new(name, levels)).collect();
     let layer = Layer::new(size, LayerAttributes::default(), encoding, AnyChannels::sort(channels));
@@ -40,14 +40,14 @@ fn exr_round_trip_keeps_every_bit() {
     image.pixels[6] = [f32::INFINITY, f32::NEG_INFINITY, 1e-42];
     write_exr(&path, &image, &[]).unwrap();
     assert_eq!(read_radiance(&path).unwrap(), image);
-    // NaN compares unequal to itself, so its bits are compared.
+    // NaN is not equal to itself, so its bits are compared.
     image.pixels[7][1] = f32::NAN;
     write_exr(&path, &image, &[]).unwrap();
     assert_eq!(read_radiance(&path).unwrap().pixels[7][1].to_bits(), f32::NAN.to_bits());
 }
 
 #[test]
-fn exr_attributes_are_found_by_any_reader_and_bytes_are_deterministic() {
+fn exr_attributes_are_readable_and_bytes_are_deterministic() {
     let attributes = [
         Attribute::new("headtail.sampler", "mis"),
         Attribute::new("headtail.spp", 64),
@@ -107,7 +107,7 @@ fn every_sample_type_channel_order_and_compression_is_read() {
             assert_eq!(read, image, "{compression:?}, alpha {with_alpha}");
         }
     }
-    // DWAA is lossy: only that it is decoded is asked.
+    // DWAA is lossy: this only tests that it is decoded.
     let bytes = exr_file((33, 21), scan_lines(DWAA(None)), f32_channels(&image));
     assert_eq!(read_radiance(&write(folder.path(), "a.exr", &bytes)).unwrap().width, 33);
 }

@@ -1,4 +1,4 @@
-//! Files that are valid and unusual: each is read as its format means it, and what was decided is said.
+//! Unusual but valid files: each is read as its format defines, with remarks about the decisions.
 
 use exr::meta::attribute::{Chromaticities, EnvironmentMap, IntegerBounds};
 use headtail_render::environment::Environment;
@@ -6,13 +6,13 @@ use headtail_render::image::{MapLayout, Picture, read_picture};
 
 use super::{openexr::*, *};
 
-/// Texts of remarks, warnings with a `!` before them.
+/// Returns the texts of remarks, with a `!` before warnings.
 fn said(picture: &Picture) -> Vec<String> {
     let mark = |remark: &headtail_render::remark::Remark| if remark.is_warning() { "! " } else { "" };
     picture.remarks.iter().map(|remark| format!("{}{}", mark(remark), remark.text())).collect()
 }
 
-/// An OpenEXR file of an image, its header changed.
+/// Returns an OpenEXR file of an image with a changed header.
 fn changed_exr(
     image: &Image,
     change: impl Fn(&mut Layer<AnyChannels<Levels<FlatSamples>>>, &mut IntegerBounds, &mut Option<Chromaticities>),
@@ -42,7 +42,7 @@ fn error(bytes: &[u8]) -> String {
 #[test]
 fn the_image_is_the_display_window() {
     let data = picture(4, 3);
-    // The data's place, then position and size of the display window.
+    // Position of the data, then position and size of the display window.
     for (place, origin, size) in [
         ((2, 1), (0, 0), (8, 6)),
         ((-1, -2), (0, 0), (8, 6)),
@@ -74,7 +74,7 @@ fn the_image_is_the_display_window() {
 
 #[test]
 fn colors_of_other_primaries_become_rec_709() {
-    // Tristimulus values: those of the white of Rec.709 are white.
+    // Tristimulus values of the Rec.709 white, which must be read as white.
     let image = Image { width: 2, height: 1, pixels: vec![[0.950_456, 1.0, 1.089_058]; 2] };
     let of = |x: f32, y: f32| Vec2(x, y);
     let xyz =
@@ -85,7 +85,7 @@ fn colors_of_other_primaries_become_rec_709() {
         assert!((value - 1.0).abs() < 1e-3, "{value}");
     }
     assert!(said(&found)[0].contains("from the primaries of the file"));
-    // Its own primaries change no bit.
+    // Rec.709 primaries change no bit.
     let own =
         Chromaticities { red: of(0.64, 0.33), green: of(0.3, 0.6), blue: of(0.15, 0.06), white: of(0.3127, 0.329) };
     assert_eq!(read(&changed_exr(&image, |_, _, chromaticities| *chromaticities = Some(own))).image, image);
@@ -96,7 +96,7 @@ fn colors_of_other_primaries_become_rec_709() {
 }
 
 #[test]
-fn infinity_of_16_bits_is_the_largest_value() {
+fn half_precision_infinity_becomes_the_largest_value() {
     let values = [f16::INFINITY, f16::NEG_INFINITY, f16::NAN, f16::ONE];
     let channels = ["R", "G", "B"].map(|name| (name, flat(FlatSamples::F16(values.to_vec()))));
     let found = read(&exr_file((4, 1), scan_lines(exr::prelude::Compression::ZIP1), channels.into()));
@@ -106,7 +106,7 @@ fn infinity_of_16_bits_is_the_largest_value() {
 }
 
 #[test]
-fn the_light_is_the_layer_that_is_called_so() {
+fn the_layer_of_light_is_found_by_its_name() {
     let folder = tempfile::tempdir().unwrap();
     let layers = |names: &[&str]| {
         let channel = |(k, name): (usize, &&str)| AnyChannel::new(*name, flat(FlatSamples::F32(vec![k as f32; 4])));
@@ -131,16 +131,16 @@ fn the_light_is_the_layer_that_is_called_so() {
     let error = first(&blender, Some("Mist")).unwrap_err().to_string();
     assert!(error.contains("no layer is called 'Mist'; there are 'View.AO', 'View.Combined'"), "{error}");
 
-    // Colours without a layer come before all others.
+    // Colours without a layer take precedence.
     let mut with_plain = vec!["R", "G", "B"];
     with_plain.extend(&blender);
     assert_eq!(first(&with_plain, None).unwrap().image.pixels[0], [0.0, 1.0, 2.0]);
-    // Of layers of which none is the picture by its name, the first, and that is warned of.
+    // If no layer's name marks it as the picture, the first is read, with a warning.
     let lights = names(&["sun", "sky"]);
     let lights: Vec<&str> = lights.iter().map(String::as_str).collect();
     let found = first(&lights, None).unwrap();
     assert_eq!(said(&found), ["! read the first of the layers 'sky', 'sun'; select another by its name"]);
-    // Data are no light by themselves, and Y beside X is no luminance.
+    // Data layers are not light by default, and Y beside X is not luminance.
     for data in [&["N.X", "N.Y", "N.Z", "Z"][..], &["AO.R", "AO.G", "AO.B"], &["uv.Y"]] {
         let error = first(data, None).unwrap_err().to_string();
         assert!(error.contains("found only"), "{error}");
@@ -149,8 +149,8 @@ fn the_light_is_the_layer_that_is_called_so() {
 }
 
 #[test]
-fn the_attribute_of_maps_tells_their_layout() {
-    // Six white faces but for one that is black: the first, to +X.
+fn the_environment_map_attribute_sets_the_layout() {
+    // Six faces, white except the first, to +X, which is black.
     let mut image = Image { width: 8, height: 48, pixels: vec![[1.0; 3]; 8 * 48] };
     image.pixels[..64].fill([0.0; 3]);
     let bytes = changed_exr(&image, |layer, _, _| layer.attributes.environment_map = Some(EnvironmentMap::Cube));
@@ -163,14 +163,14 @@ fn the_attribute_of_maps_tells_their_layout() {
         assert!((map.radiance(w).x - expected).abs() < 1e-3, "{w}: {}", map.radiance(w));
     }
     assert!(map.remarks()[0].text().contains("from layout cube"));
-    // What was asked for comes first.
+    // A requested layout takes precedence.
     let spec = format!("{}#layout=latlong", path.display());
     assert_eq!(Environment::open(&spec).unwrap().width(), 8);
     let error = Environment::open(&format!("{}#layout=cross", path.display())).unwrap_err().to_string();
     assert!(error.contains("cube.exr: layout: 8 x 48 pixels are not 3 x 4 squares"), "{error}");
 }
 
-/// A Radiance file with these lines in its header.
+/// Returns a Radiance file with these lines in its header.
 fn radiance(lines: &str, resolution: &str, rgbe: &[[u8; 4]]) -> Vec<u8> {
     let mut bytes = format!("#?RADIANCE\n{lines}FORMAT=32-bit_rle_rgbe\n\n{resolution}\n").into_bytes();
     bytes.extend_from_slice(rgbe.as_flattened());
@@ -178,7 +178,7 @@ fn radiance(lines: &str, resolution: &str, rgbe: &[[u8; 4]]) -> Vec<u8> {
 }
 
 #[test]
-fn what_radiance_headers_say_of_values_is_applied() {
+fn exposure_and_color_settings_of_radiance_headers_are_applied() {
     let grey = [[64, 64, 64, 136]; 2];
     let first = |lines: &str| read(&radiance(lines, "-Y 1 +X 2", &grey));
     assert_eq!(first("").image.pixels[0], [64.0; 3]);
@@ -186,7 +186,7 @@ fn what_radiance_headers_say_of_values_is_applied() {
     assert_eq!(exposed.image.pixels[0], [256.0; 3]);
     assert_eq!(said(&exposed), ["divided out the exposure: multiplied values by 4"]);
     assert_eq!(first("COLORCORR=1 2 4\n").image.pixels[0], [64.0, 32.0, 16.0]);
-    // White stays white whatever its primaries are.
+    // White stays white for any primaries.
     for value in first("PRIMARIES= .7347 .2653 0 1 .0001 -.077 .32168 .33767\n").image.pixels[0] {
         assert!((value / 64.0 - 1.0).abs() < 1e-5, "{value}");
     }
@@ -204,7 +204,7 @@ fn what_radiance_headers_say_of_values_is_applied() {
 }
 
 #[test]
-fn radiance_files_have_any_ends_of_lines_and_need_no_first_line() {
+fn radiance_files_may_have_any_line_ending_and_no_first_line() {
     let grey = [[64, 64, 64, 136]; 2];
     let plain = read(&radiance("", "-Y 1 +X 2", &grey));
     let text = "#?RADIANCE\r\n# a comment\r\nFORMAT=32-bit_rle_rgbe\r\n\r\n-Y 1 +X 2\r\n";
@@ -214,7 +214,7 @@ fn radiance_files_have_any_ends_of_lines_and_need_no_first_line() {
 }
 
 #[test]
-fn rows_go_in_all_eight_directions() {
+fn all_eight_orientations_are_read() {
     // 1 2 3 over 4 5 6.
     let value = |k: u8| [10 * k, 10 * k, 10 * k, 136];
     let row = |values: [u8; 6]| values.map(value);
@@ -239,7 +239,7 @@ fn rows_go_in_all_eight_directions() {
 }
 
 #[test]
-fn pointers_of_git_lfs_are_called_so() {
+fn git_lfs_pointers_are_named_in_the_error() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n";
     assert!(error(pointer).contains("Git LFS pointer"));
 }

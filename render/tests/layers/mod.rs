@@ -1,8 +1,9 @@
-//! Layers of random weights, for networks of tests.
+//! Layers of random weights for networks in tests.
 
 use headtail_render::{head::Linear, random::Stream};
 
-/// Layers from each of these sizes to the next. `reach` of a layer's inputs are the widths, around 0, of its weights and of its biases.
+/// Returns layers from each of these sizes to the next. `reach` maps a layer's number of inputs to the
+/// widths, around 0, of its weights and biases.
 pub fn random_layers(sizes: &[usize], random: &mut Stream, reach: impl Fn(usize) -> [f32; 2]) -> Vec<Linear> {
     let mut layer = |inputs: usize, outputs: usize| {
         let [of_weights, of_biases] = reach(inputs);

@@ -1,4 +1,4 @@
-//! Networks of BRDFs that nobody measured, for tests.
+//! Networks of synthetic BRDFs for tests.
 
 use std::sync::Arc;
 
@@ -13,9 +13,9 @@ use headtail_render::{
 
 const HIDDEN: usize = 21;
 
-/// A reflection whose logarithm is `base`, more by `grazing` where light passes over the surface, and by up to `peak`
-/// where the sine of the half vector's angle is below `width`; `waves` of a random network are added, unless it is
-/// grey: then all channels are the same.
+/// A reflection whose logarithm is `base`, plus `grazing` towards grazing light, plus up to `peak` where the
+/// sine of the half vector's angle is below `width`, plus `waves` of a random network; at `waves` 0 all
+/// channels are equal.
 pub struct Form {
     pub base: f32,
     pub peak: f32,
@@ -36,7 +36,7 @@ impl Form {
         let mut noise =
             |count: usize| -> Vec<f32> { (0..count).map(|_| self.waves * (random.uniform() - 0.5)).collect() };
         let (mut first, mut first_bias) = (noise(HIDDEN * INPUTS), noise(HIDDEN));
-        // Unit 0 is the peak, 1 grows towards grazing light; both are passed on.
+        // Unit 0 is the peak, unit 1 grows towards grazing light; later layers pass both on.
         first[..INPUTS].copy_from_slice(&[-1.0 / self.width, 0.0, 0.0, 0.0, 0.0, 0.0]);
         first[INPUTS..2 * INPUTS].copy_from_slice(&[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]);
         (first_bias[0], first_bias[1]) = (1.0, 1.0);
@@ -62,7 +62,7 @@ impl Form {
     }
 }
 
-/// The analytic BRDFs, then these.
+/// Returns a table of the analytic BRDFs, then these.
 #[allow(dead_code, reason = "not every test binary asks for it")]
 pub fn table(forms: &[&Form]) -> BrdfTable {
     forms.iter().fold(BrdfTable::default(), |table, form| {

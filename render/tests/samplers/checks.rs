@@ -1,4 +1,4 @@
-//! Properties of a sampler at one shading point: each is a function that says what is wrong.
+//! Checks of a sampler's properties at one shading point; each is a function that returns the failure.
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
@@ -22,20 +22,21 @@ pub type Verdict = Result<(), String>;
 /// Rows of the chi-square test, and sub-cells along a side of its cells.
 pub const ROWS: usize = 25;
 pub const SUBCELLS: usize = 5;
-/// A sub-cell's extent in the lat-long square.
+/// Extent of a sub-cell in the lat-long square.
 const EXTENT: Vec2 = Vec2::new(0.5 / (ROWS * SUBCELLS) as f32, 1.0 / (ROWS * SUBCELLS) as f32);
-/// Most points along a side of a sub-cell.
+/// Maximum points along a side of a sub-cell.
 pub const MOST_POINTS: usize = 16;
 
-/// Uniform points.
+/// Returns uniform points.
 pub fn uniforms(random: &mut Stream, count: usize) -> Vec<Vec2> {
     (0..count).map(|_| random.uniform2()).collect()
 }
 
-/// Chi-square on the sphere, and the integral of the pdf, which must be the share of draws that give a direction.
+/// Performs a chi-square test on the sphere, and compares the integral of the pdf with the fraction of
+/// accepted draws.
 pub fn draws_follow_pdf(bound: &AtPoint<'_>, dense: Option<&Dense>, probes: usize, tests: usize) -> Verdict {
     let (rows, subcells, samples) = (ROWS, SUBCELLS, 100_000);
-    // Jumps of a table in dim places, which get 2 x 2 points, cost the integral up to half a percent.
+    // Discontinuities of a table in dim cells, with 2 x 2 points, change the integral by up to 0.5 %.
     let test = SphereChiSquare { rows, subcells, samples, tests, mass_tolerance: 8e-3, ..SphereChiSquare::default() };
     let draw = |random: &mut Stream, count: usize| {
         bound.sample_many(&uniforms(random, count)).into_iter().map(|drawn| Some(drawn?.wi)).collect()
@@ -44,7 +45,7 @@ pub fn draws_follow_pdf(bound: &AtPoint<'_>, dense: Option<&Dense>, probes: usiz
     if report.passed() { Ok(()) } else { Err(format!("{report}; {}", worst_cell(&report))) }
 }
 
-/// Where observation and expectation differ most.
+/// Describes the cell where observed and expected counts differ most.
 fn worst_cell(report: &ChiSquareReport) -> String {
     let part = |cell: usize| (report.observed[cell] - report.expected[cell]).powi(2) / report.expected[cell].max(5.0);
     let worst = (0..report.observed.len()).max_by(|&a, &b| part(a).total_cmp(&part(b))).unwrap_or(0);
@@ -53,15 +54,15 @@ fn worst_cell(report: &ChiSquareReport) -> String {
     format!("worst at row {row}, column {column}: {observed} drawn, {expected:.1} expected")
 }
 
-/// The means of the pdf over the sub-cells around directions.
+/// Returns the means of the pdf over the sub-cells around directions.
 ///
-/// `probes x probes` points, and more where they would stand for more than half an expected sample in 1e5 each: the
-/// quadrature's error (at edges of lamps and of table cells) must be small against the noise of the counts, or the test
-/// would reject right samplers.
+/// Uses `probes x probes` points, and more where each would represent more than half an expected sample in
+/// 1e5: the quadrature's error (at edges of lamps and of table cells) must be small against the noise of the
+/// counts, or the test would reject correct samplers.
 fn means_over(bound: &AtPoint<'_>, dense: Option<&Dense>, w: &[Vec3A], probes: usize) -> Vec<f32> {
     let centres: Vec<Vec2> = w.iter().map(|&w| latlong::square(w)).collect();
     let mut means = means_of(bound, &centres, probes);
-    // Sub-cells by the number of points along a side that they need: each group is evaluated at once.
+    // Sub-cells by the required number of points along a side; each group is evaluated at once.
     let mut finer: Vec<Vec<usize>> = vec![Vec::new(); MOST_POINTS + 1];
     for (k, (mean, centre)) in means.iter_mut().zip(&centres).enumerate() {
         if let Some(own) = dense.and_then(|dense| dense.mean(bound, w[k])) {
@@ -83,7 +84,7 @@ fn means_over(bound: &AtPoint<'_>, dense: Option<&Dense>, w: &[Vec3A], probes: u
     means
 }
 
-/// The means of the pdf over sub-cells around centres, by `side x side` points each.
+/// Returns the means of the pdf over sub-cells around centres, by `side x side` points each.
 fn means_of(bound: &AtPoint<'_>, centres: &[Vec2], side: usize) -> Vec<f32> {
     let point = |centre: Vec2, k: usize| {
         let inside = Vec2::new((k % side) as f32 + 0.5, (k / side) as f32 + 0.5) / side as f32 - 0.5;
@@ -101,11 +102,12 @@ fn means_of(bound: &AtPoint<'_>, centres: &[Vec2], side: usize) -> Vec<f32> {
     points.chunks_exact(side * side).zip(pdfs.chunks_exact(side * side)).map(mean).collect()
 }
 
-/// `pdf(sample) == sample.pdf`, as far as the rounding of the direction allows.
+/// Checks that `pdf(sample) == sample.pdf` up to the rounding of the direction.
 ///
-/// A direction fixes x to about 1e-7. What that does to a steep pdf is measured by moving x as far. Where the density over
-/// Y is constant in cells, a y that is rounded across an edge has the neighbour's: with errors of 2e-6 and at most 256 cells
-/// along both axes that befalls a share of 2 x 2 x 256 x 2e-6 = 2e-3 of the samples.
+/// A direction determines x to about 1e-7; the effect on a steep pdf is measured by moving x as far. Where
+/// the density over Y is constant per cell, a y rounded across an edge has the neighbour's density: with
+/// errors of 2e-6 and at most 256 cells along both axes, this affects a fraction of 2 x 2 x 256 x 2e-6 = 2e-3
+/// of the samples.
 pub fn pdf_of_samples_agrees(bound: &AtPoint<'_>, samples: usize) -> Verdict {
     let mut random = Stream::new(3, Purpose::Test, 1);
     let drawn: Vec<Direction> = bound.sample_many(&uniforms(&mut random, samples)).into_iter().flatten().collect();
@@ -137,14 +139,15 @@ pub fn pdf_of_samples_agrees(bound: &AtPoint<'_>, samples: usize) -> Verdict {
     }
 }
 
-/// Luminance of light x BRDF x cosine.
+/// Returns the luminance of light x BRDF x cosine.
 fn integrands(point: &OnePoint, environment: &Environment, wi: &[Vec3A]) -> Vec<f32> {
     let radiances = point.map(wi, |wi, out: [_; 3]| environment.radiances(wi, out));
     let both = point.brdf_cosines(wi).into_iter().zip(radiances);
     both.map(|(reflected, radiance)| luminance(reflected * Vec3A::from_array(radiance))).collect()
 }
 
-/// The pdf is positive wherever the integrand is: at uniform directions, and at directions that others draw.
+/// Checks that the pdf is positive wherever the integrand is: at uniform directions, and at directions of
+/// other samplers.
 pub fn pdf_covers(bound: &AtPoint<'_>, world: &World) -> Verdict {
     const EACH: usize = 3000;
     let point = bound.point();
@@ -163,11 +166,11 @@ pub fn pdf_covers(bound: &AtPoint<'_>, world: &World) -> Verdict {
     Ok(())
 }
 
-/// The mean of estimates is the truth, by a t-test.
+/// Checks by a t-test that the mean of estimates is the truth.
 pub fn mean_is(truth: f64, estimates: &[f64], tests: usize) -> Verdict {
     let mut moments = Moments::of(estimates).unwrap();
     let mean = moments.mean;
-    // Single precision in tables and pdfs, and the quadrature: one part in 5000 proves nothing.
+    // Deviations up to 2e-4 may come from single precision in tables and pdfs, and from the quadrature.
     moments.mean -= (mean - truth).clamp(-2e-4 * truth, 2e-4 * truth);
     let exact = Moments { count: 2, mean: truth, variance: 0.0 };
     let test = TTest::welch(&moments, &exact);
@@ -179,7 +182,7 @@ pub fn mean_is(truth: f64, estimates: &[f64], tests: usize) -> Verdict {
     }
 }
 
-/// Estimates with a sampler alone: the integrand over the pdf, 0 where there is no sample.
+/// Returns estimates with a sampler alone: the integrand over the pdf, 0 for rejected draws.
 pub fn estimates_of_sampler(bound: &AtPoint<'_>, world: &World, stream: u64, samples: usize) -> Vec<f64> {
     let mut random = Stream::new(6, Purpose::Test, stream);
     let drawn: Vec<Direction> = bound.sample_many(&uniforms(&mut random, samples)).into_iter().flatten().collect();
@@ -195,9 +198,9 @@ pub fn mean_of_sampler(bound: &AtPoint<'_>, world: &World, truth: f64, samples: 
     mean_is(truth, &estimates_of_sampler(bound, world, 3, samples), tests)
 }
 
-/// Estimates of an estimator in tiles of copies of a point, without shadows: the sum of the contributions of each copy.
+/// Returns unshadowed estimates in tiles of copies of a point: the sum of the contributions of each copy.
 pub fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, seed: u64) -> Vec<f64> {
-    /// Copies in a tile: not a whole number of strips.
+    /// Copies per tile, not a multiple of a strip.
     const COPIES: usize = 250;
     let (tile, arena) = (Tile::of_table(&[*at; COPIES], &BRDFS), Arena::default());
     let mut contributions = Contributions::default();
@@ -216,18 +219,18 @@ pub fn estimates(estimator: &dyn Estimator, at: &ShadingPoint, samples: usize, s
     estimates
 }
 
-/// RIS of a sampler and BRDF sampling.
+/// Builds RIS of a sampler and BRDF sampling.
 pub fn ris(sampler: impl Sampler + 'static, candidates: u32, world: &World) -> Box<dyn Estimator> {
     let (first, second) = (Covering::new(sampler).unwrap(), Covering::new(BrdfSampler).unwrap());
     Box::new(Ris::new(first, second, candidates, world.environment().clone()).unwrap())
 }
 
-/// Several directions of a sampler.
+/// Builds an estimator with several directions of a sampler.
 pub fn split(sampler: impl Sampler + 'static, directions: u32, world: &World) -> Box<dyn Estimator> {
     Box::new(Split::new(Covering::new(sampler).unwrap(), directions, world.environment().clone()).unwrap())
 }
 
-/// Two-sample MIS of a sampler and BRDF sampling.
+/// Builds two-sample MIS of a sampler and BRDF sampling.
 pub fn mis2(sampler: impl Sampler + 'static, world: &World) -> Box<dyn Estimator> {
     Box::new(TwoSampleMis::new(sampler, BrdfSampler, world.environment().clone()).unwrap())
 }

@@ -1,4 +1,5 @@
-//! The same properties of heads that know the view direction and the width of the lobe, alone and beside BRDF sampling.
+//! The same properties for heads conditioned on the view direction and the lobe width, alone and in MIS with
+//! BRDF sampling.
 
 use headtail_render::estimator::SingleSample;
 
@@ -7,7 +8,7 @@ use super::{
     *,
 };
 
-/// Heads with random weights, and with a random network of the share.
+/// Heads with random weights and random selection networks.
 pub static HEADS: LazyLock<[(&str, Head); 5]> = LazyLock::new(|| {
     let head = |condition, mode, bins, encoder: &[usize]| random_head_of(condition, mode, bins, encoder, &[16, 1]);
     [
@@ -19,12 +20,12 @@ pub static HEADS: LazyLock<[(&str, Head); 5]> = LazyLock::new(|| {
     ]
 });
 
-/// A head under a light.
+/// Returns the product sampler of a head and a light.
 pub fn product(world: &World, head: &Head) -> ProductSampler<Head> {
     ProductSampler::new(world.light.clone(), head.clone())
 }
 
-/// `head` and `head+mis` of every head under a light.
+/// Returns `head` and `head+mis` for every head under a light.
 fn cases(world: &World) -> Vec<Case> {
     let both = |(name, head): &(&'static str, Head)| {
         let mixture = OneSampleMis::new(product(world, head), BrdfSampler);
@@ -34,7 +35,7 @@ fn cases(world: &World) -> Vec<Case> {
     HEADS.iter().flat_map(both).collect()
 }
 
-/// Runs a check for both samplers of every head in every world at one of `step` glossy points.
+/// Runs a check for both samplers of every head in every world at every `step`-th glossy point.
 fn for_all_heads(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
     let cases: Vec<Vec<Case>> = WORLDS.iter().map(cases).collect();
     let all = WORLDS.iter().zip(&*POINTS).zip(&cases).map(|((world, points), cases)| (world, &**points, &**cases));
@@ -42,9 +43,9 @@ fn for_all_heads(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> V
 }
 
 #[test]
-fn their_directions_are_drawn_with_the_claimed_density() {
+fn directions_of_heads_are_drawn_with_the_claimed_density() {
     for_all_heads(5, |world, case, point, tests| {
-        // The quadrature of this test is made for wide lobes.
+        // The quadrature of this test is for wide lobes.
         if !case.through_tail && point.width < 0.1 {
             return Ok(());
         }
@@ -55,19 +56,19 @@ fn their_directions_are_drawn_with_the_claimed_density() {
 }
 
 #[test]
-fn the_pdf_of_their_samples_is_the_samples_pdf() {
+fn the_pdf_of_a_direction_of_a_head_equals_the_returned_pdf() {
     for_all_heads(3, |_, case, point, _| {
         pdf_of_samples_agrees(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), 2_000)
     });
 }
 
 #[test]
-fn they_draw_whatever_is_reflected() {
+fn heads_cover_all_reflected_light() {
     for_all_heads(5, |world, case, point, _| pdf_covers(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world));
 }
 
 #[test]
-fn they_estimate_the_same_light() {
+fn heads_estimate_the_same_light() {
     for_all_heads(2, |world, case, point, tests| {
         if !point.suits(world, case) {
             return Ok(());
@@ -77,7 +78,7 @@ fn they_estimate_the_same_light() {
 }
 
 #[test]
-fn estimators_of_their_directions_estimate_it_too() {
+fn multi_sample_estimators_of_heads_estimate_the_same_light() {
     let tasks: Vec<_> = WORLDS
         .iter()
         .zip(&*POINTS)
@@ -101,7 +102,7 @@ fn estimators_of_their_directions_estimate_it_too() {
                 ("ris:5 of emitters", ris(EmitterSampler::new(world.light.clone()), 5, world)),
             ];
             estimators.into_iter().filter_map(move |(name, estimator)| {
-                // What a head alone does to a narrow lobe is another test's matter.
+                // Heads alone on narrow lobes are excluded here.
                 if name == "head" && point.width < 0.3 {
                     return None;
                 }
@@ -113,9 +114,10 @@ fn estimators_of_their_directions_estimate_it_too() {
     assert!(failures.is_empty(), "{} failed:\n{}", failures.len(), failures.join("\n"));
 }
 
-/// The learned share is what decides how often the head is drawn from: with shares near 0 and 1 directions come from one side.
+/// The learned selection probability decides how often the head is sampled; near 0 and 1, directions come
+/// from one sampler.
 #[test]
-fn the_mixture_draws_as_often_from_the_head_as_it_asks() {
+fn the_mixture_samples_the_head_with_its_selection_probability() {
     let world = &WORLDS[0];
     let share = |head: &Head, at: &ShadingPoint| AtPoint::of_table(&product(world, head), at, &BRDFS).share();
     let shares: Vec<f32> =
@@ -129,7 +131,7 @@ fn the_mixture_draws_as_often_from_the_head_as_it_asks() {
         let [mixture, of_head, of_brdf] = [&mixture as &dyn Sampler, &head, &BrdfSampler]
             .map(|sampler| AtPoint::of_table(sampler, &point.at, &BRDFS));
         let u = uniforms(&mut Stream::new(10, Purpose::Test, 0), 1000);
-        // What is left of the first number for the sampler that it chooses.
+        // The first number, rescaled for the selected sampler.
         let own = |u: &Vec2| {
             let v = if u.x < share { u.x / share } else { (u.x - share) / (1.0 - share) };
             Vec2::new(v.min(1.0 - f32::EPSILON / 2.0), u.y)

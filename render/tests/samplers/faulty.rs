@@ -1,11 +1,11 @@
-//! Samplers that are broken on purpose are found out by the checks that the others pass.
+//! Deliberately broken samplers fail the checks that the others pass.
 
 use glam::Quat;
 use headtail_render::{simd::Lanes, tile::Rows};
 
 use super::*;
 
-/// A right sampler with a fault.
+/// A correct sampler with a fault.
 struct Faulty<S> {
     sampler: S,
     fault: Fault,
@@ -14,14 +14,14 @@ struct Faulty<S> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
     None,
-    /// Sample and pdf both claim 2 % more than there is.
+    /// The pdfs of samples and of directions are both 2 % too large.
     ClaimsMore,
-    /// Only the pdf function does: MIS weights would be wrong.
+    /// Only the pdf of directions is too large: MIS weights would be wrong.
     PdfClaimsMore,
-    /// Directions within 20 degrees of the zenith are never drawn, and their pdf says so.
+    /// Directions within 20 degrees of the zenith are never drawn and have pdf 0.
     LeavesOut,
-    /// Draws with the table of a normal 6 degrees away, as a bake does that draws from the nearest node and claims the
-    /// interpolated pdf.
+    /// Draws with the table of a normal 6 degrees away, as a bake would that draws from the nearest node and
+    /// returns the interpolated pdf.
     DrawsFromNeighbour,
 }
 
@@ -80,13 +80,14 @@ impl<S: Sampler> Sampler for Faulty<S> {
 }
 
 #[test]
-fn broken_samplers_are_found_out() {
+fn broken_samplers_are_detected() {
     let world = WORLDS.iter().find(|world| world.name.starts_with("overcast")).unwrap();
     let at = shading_point(Vec3A::new(0.4, 0.8, -0.3).normalize());
     let table =
         direct_bake(world.light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let truth = world.quadrature.reflected(at.ns);
-    // Each fault with the checks that must find it: 0 chi-square and mass, 1 pdf of samples, 2 coverage, 3 mean.
+    // Each fault with the checks that must detect it: 0 chi-square and mass, 1 pdf of samples, 2 coverage, 3
+    // mean.
     let expected: [(Fault, &[usize]); 5] = [
         (Fault::None, &[]),
         (Fault::ClaimsMore, &[0, 3]),

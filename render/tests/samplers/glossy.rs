@@ -1,4 +1,4 @@
-//! The same properties where surfaces are glossy.
+//! The same properties on glossy surfaces.
 
 use headtail_render::{
     brdf::{Ggx, MAX_PARAMETERS, MetallicRoughness, Surface},
@@ -15,21 +15,21 @@ use super::*;
 /// Index of the first network in [`BRDFS`].
 pub(super) const MEASURED: u32 = BrdfTable::METALLIC_ROUGHNESS + 1;
 
-/// A glossy shading point with the truth about it.
+/// A glossy shading point with its reflected light.
 pub(super) struct Glossy {
     pub(super) name: &'static str,
     pub(super) at: ShadingPoint,
     /// Luminance reflected without shadows.
     pub(super) truth: f64,
-    /// The width of the narrowest lobe.
+    /// Width of the narrowest lobe.
     pub(super) width: f32,
 }
 
 impl Glossy {
-    /// Every kind of surface under a light, at normals and views that differ from light to light.
+    /// Returns every kind of surface under a light, at normals and views that differ between lights.
     fn points(world: &World, index: usize) -> Vec<Self> {
         let ggx = |alpha| Surface::from(Ggx::new(alpha, Vec3::ONE));
-        // Grey: the quadrature knows the light by its luminance.
+        // Grey, since the quadrature uses the luminance of the light.
         let color = Vec3::splat(0.6);
         let mixture = |metallic, roughness| Surface::from(MetallicRoughness::new(color, metallic, roughness));
         let measured = |k| Surface { brdf: MEASURED + k, parameters: [0.0; MAX_PARAMETERS] };
@@ -49,7 +49,7 @@ impl Glossy {
             .into_iter()
             .enumerate()
             .map(|(k, (name, surface, cos))| {
-                // 5 and 3 have no factor in common with 11 normals.
+                // 5 and 3 are coprime to the 11 normals.
                 let normal = normals[(5 * index + 3 * k) % normals.len()];
                 let (sin, phi) = ((1.0_f32 - cos * cos).sqrt(), (7 * index + 2 * k) as f32);
                 let wo = Frame::from_normal(normal.into()).to_world(Vec3::new(sin * phi.cos(), sin * phi.sin(), cos));
@@ -60,9 +60,9 @@ impl Glossy {
             .collect()
     }
 
-    /// Whether the mean of 30,000 estimates is near enough to normally distributed for a t-test.
+    /// Returns whether the mean of 30,000 estimates is close enough to normally distributed for a t-test.
     pub(super) fn suits(&self, world: &World, case: &Case) -> bool {
-        // Half of the light in 1e-5 of the sphere, or half of the weight in a lobe that is not aimed at.
+        // Half of the light in 1e-5 of the sphere, or half of the weight in a lobe that is hit by chance.
         let sun_by_chance = case.name == "cosine" && world.name.starts_with("sunset");
         let lobe_by_chance = case.through_tail && case.name != "oracle" && self.width < 0.3;
         case.covers && !sun_by_chance && !lobe_by_chance
@@ -72,7 +72,8 @@ impl Glossy {
 pub(super) static POINTS: LazyLock<Vec<Vec<Glossy>>> =
     LazyLock::new(|| WORLDS.par_iter().enumerate().map(|(k, world)| Glossy::points(world, k)).collect());
 
-/// Runs a check for every sampler of every world at one of `step` of its points: which ones changes from case to case.
+/// Runs a check for every sampler of every world at every `step`-th of its points, with an offset that varies
+/// between cases.
 pub(super) fn for_all_cases<'a>(
     all: impl Iterator<Item = (&'a World, &'a [Glossy], &'a [Case])>,
     step: usize,
@@ -96,7 +97,7 @@ pub(super) fn for_all_cases<'a>(
     assert!(failures.is_empty(), "{} of {}:\n{}", failures.len(), tasks.len(), failures.join("\n"));
 }
 
-/// The same for the samplers and the glossy points of all worlds.
+/// Runs a check as [`for_all_cases`] for the samplers and the glossy points of all worlds.
 fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
     let all = WORLDS.iter().zip(&*POINTS).map(|(world, points)| (world, &**points, &*world.cases));
     for_all_cases(all, step, check);
@@ -105,13 +106,14 @@ fn for_all_glossy(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> 
 #[test]
 fn glossy_directions_are_drawn_with_the_claimed_density() {
     for_all_glossy(3, |world, case, point, tests| {
-        // The others have densities that do not depend on the BRDF; the quadrature of this test is made for wide lobes.
+        // Densities of the others do not depend on the BRDF; the quadrature of this test is for wide lobes.
         let is_patches = case.name.contains("patches");
         let glossy = is_patches || matches!(case.name, "oracle" | "cosine" | "mis");
         if !glossy || point.width < 0.1 {
             return Ok(());
         }
-        // Patches end at edges of lamps: three points across see none of what is drawn in one cell beside a softbox, up to 2.5e-3.
+        // Patches end at edges of lamps: three points across miss all draws, up to 2.5e-3, in a cell beside a
+        // softbox.
         let probes = match (&*world.name, case.name) {
             ("sunset / row-column", _) | ("window / row-column", "oracle") => 12,
             _ if is_patches => 8,
@@ -123,14 +125,14 @@ fn glossy_directions_are_drawn_with_the_claimed_density() {
 }
 
 #[test]
-fn the_pdf_of_a_glossy_sample_is_the_sample_s_pdf() {
+fn the_pdf_of_a_glossy_direction_equals_the_returned_pdf() {
     for_all_glossy(5, |_, case, point, _| {
         pdf_of_samples_agrees(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), 2_000)
     });
 }
 
 #[test]
-fn whatever_glossy_surfaces_reflect_can_be_drawn() {
+fn samplers_cover_all_light_that_glossy_surfaces_reflect() {
     for_all_glossy(7, |world, case, point, _| {
         if case.covers { pdf_covers(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world) } else { Ok(()) }
     });
@@ -147,7 +149,7 @@ fn all_samplers_estimate_the_same_glossy_light() {
 }
 
 #[test]
-fn resampling_and_two_sample_mis_estimate_it_too() {
+fn resampling_and_two_sample_mis_estimate_the_same_glossy_light() {
     let tasks: Vec<_> =
         WORLDS.iter().zip(&*POINTS).flat_map(|(world, points)| points.iter().map(move |p| (world, p))).collect();
     let failures: Vec<String> = tasks
@@ -170,12 +172,12 @@ fn resampling_and_two_sample_mis_estimate_it_too() {
 }
 
 #[test]
-fn the_oracle_of_a_glossy_surface_beats_mis() {
+fn the_oracle_of_a_glossy_surface_has_lower_variance_than_mis() {
     let tasks: Vec<_> = WORLDS
         .iter()
         .zip(&*POINTS)
         .flat_map(|(world, points)| points.iter().map(move |point| (world, point)))
-        // Lobes much narrower than a cell of Y in the dark are seen, but not resolved.
+        // Lobes much narrower than a dim cell of Y are covered, but not resolved.
         .filter(|(_, point)| point.width > 0.1)
         .collect();
     let failures: Vec<String> = tasks
@@ -188,7 +190,8 @@ fn the_oracle_of_a_glossy_surface_beats_mis() {
                 Moments::of(&values).unwrap().variance / point.truth.powi(2)
             };
             let (oracle, mis) = (variance("oracle"), variance("mis"));
-            // Under one white texel all of Y is one dim place; elsewhere the oracle has a tenth of the variance.
+            // Under one white texel, Y has no structure; elsewhere the variance of the oracle is 10 % of that
+            // of MIS.
             let most = if world.name.starts_with("1x1") { mis } else { 0.2 * mis };
             (oracle > most).then(|| format!("{} / {}: {oracle:.4} and {mis:.4}", world.name, point.name))
         })
@@ -197,8 +200,8 @@ fn the_oracle_of_a_glossy_surface_beats_mis() {
 }
 
 #[test]
-fn patches_leave_little_to_brdf_sampling_where_a_lobe_sees_a_lamp() {
-    // Sky of one brightness with a lamp of 11 degrees and 1000 times that.
+fn patches_rarely_select_brdf_sampling_where_a_lobe_contains_a_lamp() {
+    // A uniform sky with a lamp of 11 degrees that is 1000 times as bright.
     let (width, height) = (64, 32);
     let is_lamp = |k: usize| (20..22).contains(&(k % width)) && (9..11).contains(&(k / width));
     let pixels = (0..width * height).map(|k| [if is_lamp(k) { 1000.0 } else { 1.0 }; 3]).collect();
@@ -206,13 +209,13 @@ fn patches_leave_little_to_brdf_sampling_where_a_lobe_sees_a_lamp() {
     let light = EnvironmentLight::new(Arc::new(map), TailKind::Hierarchical).unwrap();
     let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
     let lamp = latlong::direction(Vec2::new(20.5 / width as f32, 9.5 / (height - 1) as f32));
-    // Seen from above, so that the lobe is about the normal.
+    // Viewed along the normal, so that the lobe is centred on it.
     let share = |n: Vec3A| {
         let surface = Ggx::new(0.1, Vec3::ONE).into();
         AtPoint::new(&patches, &ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface }).share()
     };
     let beside = (lamp + 0.3 * lamp.any_orthonormal_vector()).normalize();
     assert!((share(beside) - 0.98).abs() < 1e-4, "{}", share(beside));
-    // Of the lamp below the horizon nothing is seen: BRDF sampling has the share of its width, 0.5 / 2^1.25.
+    // The lamp is below the horizon: BRDF sampling has the mixture weight for its width, 0.5 / 2^1.25.
     assert!((share(-lamp) - 0.7898).abs() < 1e-3, "{}", share(-lamp));
 }

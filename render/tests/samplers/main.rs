@@ -1,9 +1,10 @@
-//! Every sampler draws what its pdf says, covers the integrand, and estimates the same light as every other.
+//! Tests that every sampler draws from its pdf, covers the integrand, and estimates the same light as all
+//! others.
 //!
-//! Each property is a function that returns what is wrong (`checks`), so that samplers that are broken on purpose
-//! (`faulty`) are held against the very same functions. All go through the columns that render, in tiles of copies of one
-//! point; `mixed_tiles` holds these against tiles of different points. All seeds are fixed; a pass is a pass on every
-//! machine of the same arithmetic.
+//! Each property is a function that returns the failure (`checks`), so that deliberately broken samplers
+//! (`faulty`) are tested with the same functions. All use the columns of the renderer, in tiles of copies of
+//! one point; `mixed_tiles` compares these with tiles of different points. Seeds are fixed, so that results
+//! are equal on all machines of the same arithmetic.
 
 mod checks;
 mod conditioned;
@@ -36,17 +37,17 @@ use headtail_render::{
 use rayon::prelude::*;
 use worlds::*;
 
-/// The chance that any test of a group rejects a right sampler.
+/// Probability that any test of a group rejects a correct sampler.
 const SIGNIFICANCE: f64 = 0.01;
 
-/// The analytic BRDFs, two networks, both grey, and the neural materials of [`textured`].
+/// The analytic BRDFs, two grey networks, and the neural materials of [`textured`].
 static BRDFS: LazyLock<BrdfTable> = LazyLock::new(|| {
     let table = networks::table(&[&networks::MIRROR, &networks::MATTE]);
     textured::FABRICS.iter().fold(table, |table, fabric| table.with(fabric.clone()).0)
 });
 
-/// Runs a check for every sampler of every world, over `count` normals each: which ones changes from case to case, so that
-/// every kind of sampler meets every normal.
+/// Runs a check for every sampler of every world, over `count` normals each that vary between cases, so that
+/// every kind of sampler is tested with every normal.
 fn for_all(count: usize, check: impl Fn(&World, &Case, &ShadingPoint, usize) -> Verdict + Sync) {
     let tasks: Vec<_> = WORLDS
         .iter()
@@ -55,7 +56,7 @@ fn for_all(count: usize, check: impl Fn(&World, &Case, &ShadingPoint, usize) -> 
             let normals = world.normals();
             world.cases.iter().enumerate().flat_map(move |(c, case)| {
                 let normals = normals.clone();
-                // 4 and 3 have no factor in common with 11 normals: all of them come up.
+                // 4 and 3 are coprime to the 11 normals: all of them occur.
                 (0..count).map(move |k| (world, case, normals[(4 * w + 3 * c + 2 * k) % normals.len()]))
             })
         })
@@ -73,15 +74,15 @@ fn for_all(count: usize, check: impl Fn(&World, &Case, &ShadingPoint, usize) -> 
 #[test]
 fn directions_are_drawn_with_the_claimed_density() {
     for_all(1, |world, case, at, tests| {
-        // The rows of the map that cross a sun are sheared by the row-column tail: within half a degree of elevation, an edge
-        // of a cell of Y moves by a quarter of a turn in azimuth, and a dim place gets no points for its mass. The p-value of
-        // the oracle, whose cells are the narrowest, is an ordinary one from 12 points on (1e-24 with 2, 6e-5 with 4, 0.3 with
-        // 12, 0.4 with 16).
+        // The row-column tail shears the rows of the map that cross a sun: within 0.5 degrees of elevation,
+        // an edge of a cell of Y moves by 90 degrees in azimuth, and dim cells get too few points. The
+        // oracle, whose cells are the narrowest, needs 12 points (p-values: 1e-24 with 2, 6e-5 with 4, 0.3
+        // with 12, 0.4 with 16).
         let probes = match (&*world.name, case.name) {
             ("sunset / row-column", "oracle") => 12,
             ("sunset / row-column", _) => 6,
-            // A surface that faces down sees the sun at its own horizon. Weights differ fifty-fold from patch to patch there, and two points
-            // across missed 2 % of the draws.
+            // The sun is at the horizon of a downward-facing surface. Weights of patches differ by a factor
+            // of 50 there, and two points across miss 2 % of the draws.
             ("sunset / hierarchical", "head over weighted patches") => 12,
             _ => 2,
         };
@@ -90,12 +91,12 @@ fn directions_are_drawn_with_the_claimed_density() {
 }
 
 #[test]
-fn the_pdf_of_a_sample_is_the_sample_s_pdf() {
+fn the_pdf_of_a_direction_equals_the_returned_pdf() {
     for_all(2, |_, case, at, _| pdf_of_samples_agrees(&AtPoint::new(&*case.sampler, at), 5_000));
 }
 
 #[test]
-fn whatever_reflects_light_can_be_drawn() {
+fn samplers_cover_all_reflected_light() {
     for_all(3, |world, case, at, _| {
         let says = case.sampler.coverage() == Coverage::Everything;
         if says != case.covers {
@@ -119,7 +120,7 @@ fn all_samplers_estimate_the_same_light() {
 }
 
 #[test]
-fn resampling_two_sample_mis_and_several_directions_estimate_it_too() {
+fn resampling_two_sample_mis_and_splitting_estimate_the_same_light() {
     let tasks: Vec<_> =
         WORLDS.iter().flat_map(|world| (0..11).step_by(4).map(move |k| (world, world.normals()[k]))).collect();
     let failures: Vec<String> = tasks

@@ -1,4 +1,4 @@
-//! A renderer gives samplers many different points at once, in any order: each must get what it would get alone.
+//! Tests that points in mixed tiles, in any order, get the same results as alone.
 
 use headtail_render::{
     brdf::{Ggx, MAX_PARAMETERS, MetallicRoughness, Surface},
@@ -14,31 +14,32 @@ use super::{
     *,
 };
 
-/// Most points of a tile here.
+/// Maximum points of a tile in these tests.
 const MOST: usize = 256;
 
-/// One row of a tile with the numbers that it is given.
+/// One row of a tile with its input numbers.
 #[derive(Clone, Copy)]
 struct Row {
     at: ShadingPoint,
     u: Vec2,
-    /// A direction to ask the pdf of.
+    /// A direction whose pdf is evaluated.
     wi: Vec3A,
 }
 
-/// What a sampler and a BRDF give one row, as bits.
+/// Results of a sampler and a BRDF for one row, as bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Got {
     /// Direction and pdf; zeros where there is no sample.
     sample: [u32; 4],
-    /// Of the direction that was asked for.
+    /// Pdf of the direction `wi`.
     pdf: u32,
     share: u32,
-    /// Reflection towards that direction, BRDF sampling's pdf there, and the width of the lobe.
+    /// Reflection towards `wi`, BRDF sampling's pdf there, and the width of the lobe.
     brdf: [u32; 5],
 }
 
-/// Different points: diffuse, glossy, mixed and measured, at normals that are not geometric ones.
+/// Returns different points: diffuse, glossy, mixed and measured, with shading normals that differ from
+/// geometric ones.
 fn rows() -> Vec<Row> {
     let mut random = Stream::new(7, Purpose::Test, 5);
     let row = |k: usize| {
@@ -66,7 +67,7 @@ fn rows() -> Vec<Row> {
     (0..MOST).map(row).collect()
 }
 
-/// A work space in which every number that is left over is not one.
+/// Returns an arena whose memory is filled with NaN.
 fn poisoned() -> Arena {
     let arena = Arena::default();
     let mut taken: Vec<_> = (0..24).map(|_| arena.columns::<1>(64 * strips(MOST))).collect();
@@ -75,7 +76,7 @@ fn poisoned() -> Arena {
     arena
 }
 
-/// Columns of the places of rows; lanes beyond the last are no numbers.
+/// Fills columns for the places of rows; lanes beyond the last are NaN.
 fn columns<const N: usize>(at: &Rows<'_>, numbers: impl Fn(usize) -> [f32; N]) -> [Vec<Lanes>; N] {
     let mut columns = std::array::from_fn(|_| vec![[f32::NAN; LANES]; at.strips()]);
     for place in 0..at.len() {
@@ -86,7 +87,7 @@ fn columns<const N: usize>(at: &Rows<'_>, numbers: impl Fn(usize) -> [f32; N]) -
     columns
 }
 
-/// What each place of `at` gets; `given` are the numbers of each row of the tile.
+/// Returns the results of each place of `at`; `given` are the inputs of each row of the tile.
 fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Vec<Got> {
     let u = columns(at, |row| given[row].u.to_array());
     let wi = columns(at, |row| given[row].wi.to_array());
@@ -110,8 +111,8 @@ fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Ve
     (0..at.len()).map(got).collect()
 }
 
-/// Places in several orders: forwards, backwards, in strides (of 7, which divides none of the lengths), sorted by
-/// surface, and every row twice.
+/// Returns places in several orders: forwards, backwards, in strides (of 7, which divides none of the
+/// lengths), sorted by surface, and every row twice.
 fn orders(rows: &[Row]) -> Vec<Vec<u16>> {
     let count = rows.len() as u16;
     let forwards: Vec<u16> = (0..count).collect();
@@ -123,9 +124,9 @@ fn orders(rows: &[Row]) -> Vec<Vec<u16>> {
     vec![forwards, backwards, strided, by_surface, twice]
 }
 
-/// Holds a sampler over mixed tiles of `lengths` points against tiles in which every lane has the same point.
+/// Compares a sampler over mixed tiles of `lengths` points with tiles in which every lane has the same point.
 ///
-/// Lanes do not see each other and arithmetic is the same in every one of them, so that not a bit may differ.
+/// Lanes are independent and have the same arithmetic, so that results must be equal bit for bit.
 fn check(sampler: &dyn Sampler, lengths: &[usize]) -> Verdict {
     let (all, arena) = (rows(), poisoned());
     let longest = lengths.iter().copied().max().unwrap_or(0);
@@ -154,7 +155,7 @@ fn check(sampler: &dyn Sampler, lengths: &[usize]) -> Verdict {
             let (mut list, mut again) = (Vec::new(), Vec::new());
             let selected = whole.select(&order, &mut list);
             compare(&selected, &format!("order {k}"))?;
-            // A part of a part, of odd length.
+            // A selection of a selection, of odd length.
             let odd: Vec<u16> = (0..order.len() as u16).step_by(2).rev().collect();
             compare(&selected.select(&odd, &mut again), &format!("every other one of order {k}"))?;
         }
@@ -162,11 +163,11 @@ fn check(sampler: &dyn Sampler, lengths: &[usize]) -> Verdict {
     Ok(())
 }
 
-/// All lengths of a strip and of a tile, one more and one less.
+/// Lengths around those of a strip and of a tile.
 const LENGTHS: [usize; 6] = [1, 15, 16, 17, 255, 256];
 
 #[test]
-fn every_point_gets_what_it_gets_alone() {
+fn results_in_mixed_tiles_equal_those_of_single_points() {
     let kinds = ["window", "sunset", "seam"];
     let tasks: Vec<(String, &dyn Sampler)> = WORLDS
         .iter()
@@ -176,7 +177,7 @@ fn every_point_gets_what_it_gets_alone() {
         })
         .collect();
     tasks.par_iter().for_each(|(name, sampler)| {
-        // A state of 66,000 numbers for each point, of 1e5 evaluations.
+        // The oracle has a state of 66,000 numbers per point, from 1e5 evaluations.
         let is_slow = name.ends_with("oracle");
         let verdict = check(*sampler, if is_slow { &LENGTHS[..4] } else { &LENGTHS });
         verdict.unwrap_or_else(|reason| panic!("{name}: {reason}"));
@@ -184,7 +185,7 @@ fn every_point_gets_what_it_gets_alone() {
 }
 
 #[test]
-fn every_point_gets_from_heads_what_it_gets_alone() {
+fn results_of_heads_in_mixed_tiles_equal_those_of_single_points() {
     let world = WORLDS.iter().find(|world| world.name.starts_with("window")).unwrap();
     HEADS.par_iter().for_each(|(name, head)| {
         let head = || product(world, head);
@@ -197,18 +198,18 @@ fn every_point_gets_from_heads_what_it_gets_alone() {
     });
 }
 
-/// What a batch could do wrong and copies of one point never show.
+/// Errors of batches that copies of one point cannot reveal.
 #[derive(Clone, Copy, Debug)]
 enum Confusion {
-    /// Takes the row of the tile for the place in the list.
+    /// Confuses the row of the tile with the place in the list.
     RowForPlace,
-    /// Gives the last place what belongs to the one before.
+    /// Gives the last place the result of the one before.
     LastPlace,
-    /// Looks at a lane that nobody has filled.
+    /// Reads an uninitialised lane.
     UnusedLane,
 }
 
-/// BRDF sampling that is confused about its rows.
+/// BRDF sampling with an error in its rows.
 struct Confused(Confusion);
 
 impl Sampler for Confused {
@@ -234,7 +235,7 @@ impl Sampler for Confused {
 }
 
 #[test]
-fn confused_batches_are_found_out() {
+fn confused_batches_are_detected() {
     for confusion in [Confusion::RowForPlace, Confusion::LastPlace, Confusion::UnusedLane] {
         assert!(check(&Confused(confusion), &LENGTHS).is_err(), "{confusion:?} was not found");
     }

@@ -1,4 +1,4 @@
-//! The same properties where surfaces wear neural materials, and heads know the features at the point.
+//! The same properties on neural materials, with heads conditioned on the features at the point.
 
 use std::f32::consts::TAU;
 
@@ -15,7 +15,7 @@ use super::{
     *,
 };
 
-/// Two of the fabrics that ship, the roughest and one that shines.
+/// Two of the project's fabrics, the roughest and a glossy one.
 pub static FABRICS: LazyLock<[Arc<NeuralTexture>; 2]> = LazyLock::new(|| {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints");
     let read = |name: &str| NeuralTexture::read(format!("{folder}/{name}.safetensors").as_ref());
@@ -26,7 +26,8 @@ const FIRST: u32 = MEASURED + 2;
 /// Points of each fabric in every world.
 const EACH: usize = 3;
 
-/// Shading points of both fabrics under a light: places, tangents, hands and views differ.
+/// Returns shading points of both fabrics under a light, with different positions, tangents, handedness and
+/// views.
 fn points(world: &World, index: usize) -> Vec<Glossy> {
     let normals = world.normals();
     let mut random = Stream::new(index as u64, Purpose::Test, 21);
@@ -50,7 +51,7 @@ fn points(world: &World, index: usize) -> Vec<Glossy> {
     (0..EACH * FABRICS.len()).map(&mut point).collect()
 }
 
-/// Samplers that know the features, and those that know the lobes alone.
+/// Returns samplers conditioned on the features, and samplers that use only the lobes.
 fn cases(world: &World) -> Vec<Case> {
     let head = |mode| random_head_of(Condition::Texture, mode, 4, &[16, 12], &[16, 1]);
     let (coupled, autoregressive) = (product(world, &head(Mode::Coupled)), product(world, &head(Mode::Autoregressive)));
@@ -75,7 +76,7 @@ fn cases(world: &World) -> Vec<Case> {
     cases
 }
 
-/// Runs a check for every sampler of every world at one of `step` points.
+/// Runs a check for every sampler of every world at every `step`-th point.
 fn for_all_fabrics(step: usize, check: impl Fn(&World, &Case, &Glossy, usize) -> Verdict + Sync) {
     let all: Vec<(&World, Vec<Glossy>, Vec<Case>)> =
         WORLDS.par_iter().enumerate().map(|(k, world)| (world, points(world, k), cases(world))).collect();
@@ -92,14 +93,14 @@ fn directions_on_fabrics_are_drawn_with_the_claimed_density() {
 }
 
 #[test]
-fn the_pdf_of_a_sample_on_a_fabric_is_the_sample_s_pdf() {
+fn the_pdf_of_a_direction_on_a_fabric_equals_the_returned_pdf() {
     for_all_fabrics(3, |_, case, point, _| {
         pdf_of_samples_agrees(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), 2_000)
     });
 }
 
 #[test]
-fn whatever_fabrics_reflect_can_be_drawn() {
+fn samplers_cover_all_light_that_fabrics_reflect() {
     for_all_fabrics(3, |world, case, point, _| {
         pdf_covers(&AtPoint::of_table(&*case.sampler, &point.at, &BRDFS), world)
     });
@@ -116,9 +117,9 @@ fn all_samplers_estimate_the_same_light_on_fabrics() {
     });
 }
 
-/// A head that says the same of every place would pass all of the above.
+/// A head that ignores the position would pass all of the above.
 #[test]
-fn heads_know_the_place_on_a_fabric() {
+fn heads_depend_on_the_position_on_a_fabric() {
     let world = &WORLDS[0];
     let head = product(world, &random_head_of(Condition::Texture, Mode::Coupled, 4, &[], &[]));
     let [first, second] = [0.1, 0.6].map(|x| {

@@ -1,4 +1,4 @@
-//! What samplers are held against: the light that a surface reflects, and means of a pdf over cells.
+//! Reference values for samplers: the light that a surface reflects, and means of a pdf over cells.
 
 use std::collections::HashMap;
 
@@ -17,7 +17,7 @@ use super::{
     checks::{MOST_POINTS, ROWS, SUBCELLS},
 };
 
-/// The truth without any sampler: points of every bilinear cell of a map, with radiance times solid angle.
+/// A quadrature without any sampler: points of every bilinear cell of a map, with radiance times solid angle.
 pub struct Quadrature {
     directions: Vec<Vec3A>,
     fluxes: Vec<Vec3A>,
@@ -43,8 +43,8 @@ impl Quadrature {
         };
         let coarse: Vec<f32> = (0..cells).map(|cell| points(cell, 3).map(|point| luminance(point.1)).sum()).collect();
         let total: f32 = coarse.iter().sum();
-        // Within a cell all is smooth but for the horizon: its kink costs h^2 / 4 of the share of the cells it runs through,
-        // 1e-6 with three points across small cells, 2e-4 with 32 across a sun.
+        // Within a cell everything is smooth except at the horizon, whose kink causes an error of h^2 / 4 of
+        // the fraction of cells on it: 1e-6 with three points across small cells, 2e-4 with 32 across a sun.
         let side = ((1e6 / cells as f32).sqrt() as usize).clamp(3, 1024);
         let side_of = |cell: usize| if coarse[cell] > 1e-3 * total { side.max(32) } else { side };
         let points = (0..cells).flat_map(|cell| points(cell, side_of(cell))).filter(|point| luminance(point.1) > 0.0);
@@ -52,27 +52,27 @@ impl Quadrature {
         Self { directions, fluxes }
     }
 
-    /// Luminance reflected by a white Lambert surface without shadows.
+    /// Returns the luminance reflected by a white Lambert surface without shadows.
     pub fn reflected(&self, normal: Vec3A) -> f64 {
         let points = self.directions.iter().zip(&self.fluxes);
         let cosine = |(wi, flux): (&Vec3A, &Vec3A)| f64::from(normal.dot(*wi).max(0.0) * luminance(*flux));
         points.map(cosine).sum::<f64>() / std::f64::consts::PI
     }
 
-    /// Luminance reflected by any surface without shadows.
+    /// Returns the luminance reflected by any surface without shadows.
     pub fn reflected_at(&self, at: &ShadingPoint) -> f64 {
         let values = at.one_of(&BRDFS).brdf_cosines(&self.directions);
         values.into_iter().zip(&self.fluxes).map(|(value, flux)| f64::from(luminance(value * *flux))).sum()
     }
 }
 
-/// The sub-cells that hold so much of the light that points of Y, carried over by the tail, resolve them better than
-/// the grid of `checks::means_over`: inside a sun, a density over Y can have any detail, squeezed into a tenth of a degree.
+/// Sub-cells with so much light that points of Y, mapped by the tail, resolve them better than the grid of
+/// `checks::means_over`: inside a sun, a density over Y can have any detail within 0.1 degrees.
 ///
-/// For samplers that draw through the tail. That the tail itself is right is seen with the others.
+/// For samplers that draw through the tail. The tail itself is tested with the other samplers.
 pub struct Dense(HashMap<usize, Points>);
 
-/// Directions in a sub-cell, and the solid angles that they stand for.
+/// Directions in a sub-cell, and the solid angles that they represent.
 #[derive(Default)]
 struct Points {
     directions: Vec<Vec3A>,
@@ -103,7 +103,7 @@ impl Dense {
         row * 2 * rows + ((x.x * (2 * rows) as f32) as usize).min(2 * rows - 1)
     }
 
-    /// The mean of the pdf over the sub-cell of a direction, if it is one of these.
+    /// Returns the mean of the pdf over the sub-cell of a direction, if it is one of these.
     pub fn mean(&self, bound: &AtPoint<'_>, w: Vec3A) -> Option<f32> {
         let index = Self::index(w);
         let points = self.0.get(&index)?;

@@ -1,4 +1,4 @@
-//! Lights that differ in what they ask of a sampler, and all samplers of each.
+//! Lights that are difficult for samplers in different ways, and all samplers of each.
 
 use std::sync::{Arc, LazyLock};
 
@@ -30,13 +30,13 @@ use super::{
 pub struct Case {
     pub name: &'static str,
     pub sampler: Box<dyn Sampler>,
-    /// Whether it may be used alone.
+    /// Whether the sampler may be used alone.
     pub covers: bool,
-    /// Whether it draws through the tail alone, from lit directions only.
+    /// Whether the sampler draws only through the tail, from lit directions.
     pub through_tail: bool,
 }
 
-/// Patches with weights as learned visibility may give: in three kinds, which alternate from point to point.
+/// Patches with three kinds of weights, as learned visibility may give, which alternate between points.
 pub struct Weighted {
     patches: PatchSampler,
     weights: Uneven,
@@ -64,7 +64,7 @@ impl Uneven {
 impl Weighting for Uneven {
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
         for (strip, out) in out.iter_mut().enumerate() {
-            // By the point alone, so that a point gets in a tile what it gets alone.
+            // By the point alone, so that results do not depend on the tile.
             *out = at.normals(strip)[0].map(|x| f32::from_bits(((x.abs() * 1e4) as u32) % 3));
         }
     }
@@ -96,7 +96,7 @@ impl Sampler for Weighted {
     }
 }
 
-/// A light with everything that samples it, and the truth about it.
+/// A light with all of its samplers and its reference values.
 pub struct World {
     pub name: String,
     pub light: EnvironmentLight,
@@ -105,7 +105,7 @@ pub struct World {
     pub dense: Dense,
 }
 
-/// Maps that differ in what they ask of a sampler, each with one tail; the hardest two with both.
+/// Maps that are difficult in different ways, each with one tail; the hardest two with both.
 pub static WORLDS: LazyLock<Vec<World>> = LazyLock::new(|| {
     let made = |name: &str, width: usize, height: usize, value: &dyn Fn(usize, usize) -> f32| {
         let tint = [1.0, 0.8, 0.5];
@@ -179,7 +179,7 @@ impl World {
             add("head over patches, and cosine", Box::new(over), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
-        // A smooth tail that has nothing to do with the light (and hardly ever draws a sun).
+        // A smooth tail that is unrelated to the light (and rarely draws a sun).
         if environment.name() != "sunset" {
             let flow = EnvironmentLight::with_tail(environment.clone(), Arc::new(swirl(environment)));
             add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
@@ -194,8 +194,8 @@ impl World {
         self.light.environment()
     }
 
-    /// Normals where samplers go wrong: poles of the map and next to them, its seam, a node of the default table and the
-    /// middle between four, the brightest texel on the horizon, and anywhere.
+    /// Returns normals that are prone to errors: at and near the map's poles, at its seam, at a node of the
+    /// default table and between four nodes, with the brightest texel on the horizon, and random ones.
     pub fn normals(&self) -> Vec<Vec3A> {
         let (width, height) = (self.environment().width(), self.environment().height());
         let values = self.environment().luminance();
@@ -220,7 +220,7 @@ impl World {
     }
 }
 
-/// A flow tail that turns rows against each other.
+/// Returns a flow tail that rotates rows relative to each other.
 fn swirl(environment: &Environment) -> Tail {
     let node = |k: usize| {
         let y = Vec2::new((k % 32) as f32, (k / 32) as f32) / 32.0;
@@ -236,7 +236,7 @@ fn composed<I: IntermediateDensity + 'static>(light: &EnvironmentLight, intermed
     Box::new(ProductSampler::new(light.clone(), intermediate))
 }
 
-/// A table that no bake would give: waves, some cells at zero, and the nodes of -Y without any mass.
+/// Returns a table that no bake would give: waves, some cells at zero, and nodes of -Y without mass.
 fn waves() -> BakedTable {
     BakedTable::fill(NormalGrid::new(5, 7).unwrap(), CellGrid::new(9, 13).unwrap(), |normal, masses| {
         for (k, mass) in masses.iter_mut().enumerate() {
@@ -247,13 +247,13 @@ fn waves() -> BakedTable {
     .unwrap()
 }
 
-/// A head with random weights that is conditioned on the normal.
+/// Returns a head with random weights that is conditioned on the normal.
 fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
     random_head_of(Condition::Normal, mode, bins, encoder, &[])
 }
 
-/// A head with random weights, of the size at which logits spread by about one. `encoder` and `share` are the widths of
-/// their layers' outputs.
+/// Returns a head with random weights, scaled so that logits have a spread of about one. `encoder` and
+/// `share` are the output widths of the layers of the encoder and of the selection network.
 pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], share: &[usize]) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, bins as u64);
     let mut network =

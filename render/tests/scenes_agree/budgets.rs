@@ -1,4 +1,4 @@
-//! Pictures depend on the seed and the number of samples, and on nothing else: not on threads, budgets, passes or tiles.
+//! Pictures depend only on the seed and the number of samples, not on threads, budgets, passes or tiles.
 
 use std::{
     sync::atomic::{AtomicUsize, Ordering},
@@ -51,13 +51,13 @@ fn an_interrupted_rendering_holds_the_finished_passes() {
     let whole = setting.render(&SamplerSpec::mis(), interrupted.spp, 6);
     assert_eq!(whole.spp, interrupted.spp);
     assert_eq!(bits(&whole.composite()), bits(&interrupted.composite()));
-    // Stopped before it began: one pass, not an image of NaN.
+    // Stopped before the start: one pass, not an image of NaN.
     let first = setting.render_until(&SamplerSpec::mis(), 1 << 20, 6, &AtomicBool::new(true), &|_| {});
     assert!(first.spp > 0 && first.surfaces.pixels.iter().flatten().all(|value| value.is_finite()));
 }
 
 #[test]
-fn a_budget_of_no_samples_ends() {
+fn a_budget_of_zero_samples_takes_one() {
     let setting = Setting {
         scene: Scene::built_in("plane").unwrap(),
         environment: Arc::new(built_in("overcast").unwrap()),
@@ -70,7 +70,7 @@ fn a_budget_of_no_samples_ends() {
     assert!(rendering.surfaces.pixels.iter().flatten().all(|value| value.is_finite()));
 }
 
-/// A rendering in all its numbers, as bits.
+/// Returns all numbers of a rendering as bits.
 fn all_bits(rendering: &Rendering) -> Vec<u64> {
     let Rendering { surfaces, background, coverage, rays_per_sample, max_weight, .. } = rendering;
     let pixels = surfaces.pixels.iter().chain(&background.pixels).flatten();
@@ -78,7 +78,7 @@ fn all_bits(rendering: &Rendering) -> Vec<u64> {
     numbers.chain([rays_per_sample.to_bits()]).collect()
 }
 
-/// Sizes of which none is a multiple of a tile (16) and most are none of a block (4), one below a tile among them.
+/// Sizes that are not multiples of a tile (16), mostly not of a block (4); some are smaller than a tile.
 const SIZES: [(usize, usize); 4] = [(37, 23), (17, 33), (5, 3), (1, 1)];
 
 #[test]
@@ -95,7 +95,7 @@ fn time_and_samples_as_budgets_give_the_same_picture() {
             let (camera, environment) = (scene.camera(), &*environment);
             let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
             let render = |budget| render(view, &*estimator, budget, points, &AtomicBool::new(false), &|_| {});
-            // More time where the machine is busy: one pass alone shows nothing.
+            // Tries longer limits on a busy machine, since a single pass tests nothing.
             let limits = (0..8).map(|k| Duration::from_millis(50 << k));
             let timed = limits.map(|limit| render(Budget::Time(limit))).find(|timed| timed.spp > 1);
             let timed = timed.expect("several passes in some seconds");
@@ -134,9 +134,9 @@ fn images_of_any_size_do_not_depend_on_threads() {
     }
 }
 
-/// Tiles and the blocks in them end at the border, and no pixel belongs to none.
+/// Tiles and their blocks end at the border, and every pixel belongs to one.
 #[test]
-fn no_pixel_is_left_out_at_any_size() {
+fn no_pixel_is_missing_at_any_size() {
     let environment = Arc::new(built_in("overcast").unwrap());
     let scene = Scene::built_in("plane").unwrap();
     let estimator = SamplerSpec::mis().build(&environment).unwrap();
@@ -151,7 +151,7 @@ fn no_pixel_is_left_out_at_any_size() {
             &AtomicBool::new(false),
             &|_| {},
         );
-        // No direction of this map is black, and neither is the plane under it.
+        // Neither the map nor the plane under it is black anywhere.
         let black = rendering.composite().pixels.iter().filter(|pixel| pixel.iter().all(|&value| value <= 0.0)).count();
         assert_eq!(black, 0, "{width} x {height}");
     }

@@ -1,4 +1,4 @@
-//! Samplers over a flow tail render the picture of every other sampler.
+//! Samplers over a flow tail render the same picture as every other sampler.
 
 use std::{
     path::Path,
@@ -26,17 +26,18 @@ use headtail_render::{
 
 use super::{SIGNIFICANCE, Setting, bake, layers::random_layers, random_head};
 
-/// Sides of the tables of warps: coarse, so that much of the light is left over.
+/// Sides of the tables of warps: coarse, so that their density differs from the light.
 const CELLS: usize = 64;
 const SCENES: [&str; 2] = ["temple", "dishes"];
 const MAPS: [&str; 2] = ["window", "sunset"];
 /// Pairs of 9 samplers in two scenes under two maps.
 const TESTS: usize = 9 * 8 / 2 * SCENES.len() * MAPS.len();
 
-/// A tabulated warp that carries uniform points near the light of a map, turned so that the seam is crossed.
+/// Returns a tabulated warp from uniform points to the approximate light of a map, rotated so that it crosses
+/// the seam.
 fn warp(environment: &Environment, cells: usize) -> Tail {
     let (width, height, luminance) = (environment.width(), environment.height(), environment.luminance());
-    // A floor below the light: no cell of the table is much larger than the others.
+    // A constant is added to the light, so that no cell of the table is much larger than the others.
     let mean = luminance.iter().sum::<f32>() / luminance.len() as f32;
     let lifted: Vec<f32> = luminance.iter().map(|value| value + 0.3 * mean).collect();
     let exact = Tail::new(TailKind::RowColumn, width, height, &lifted).unwrap();
@@ -45,7 +46,7 @@ fn warp(environment: &Environment, cells: usize) -> Tail {
         let turned = y.x + 0.3 + 0.8 * y.y + 0.05 * (std::f32::consts::TAU * y.x).sin();
         let (u, v) = (turned - turned.floor(), y.y.min(1.0 - f32::EPSILON / 2.0));
         let [start, x] = [0.0, u].map(|u| exact.forward(Vec2::new(u, v)).0);
-        // The tail's cells begin in the middle of a texel: what is before it is a turn further.
+        // The tail's cells begin in the middle of a texel: points before it are one turn further.
         let lap = turned.floor() + if u > 0.5 && x.x <= start.x { 1.0 } else { 0.0 };
         let border = if k < cells { 0.0 } else { 1.0 };
         Vec2::new(x.x + lap, if (cells..cells * cells).contains(&k) { x.y } else { border })
@@ -55,13 +56,13 @@ fn warp(environment: &Environment, cells: usize) -> Tail {
     Tail::flow(map, width, height, &luminance).unwrap()
 }
 
-/// A random head with a learned share that differs from normal to normal.
+/// Returns a random head with a selection probability that depends on the normal.
 fn selecting_head() -> Head {
     let mut random = Stream::new(6, Purpose::Weights, 0);
     random_head(Mode::Coupled).with_share(random_layers(&[3, 8, 1], &mut random, |_| [2.0; 2])).unwrap()
 }
 
-/// Writes heads and tables over a flow tail, and names them in every form.
+/// Writes heads and tables over a flow tail and returns all specifications of them.
 fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let tail = Arc::new(warp(environment, CELLS));
     let write = |form: &str, name: &str, intermediate: Intermediate| -> SamplerSpec {
@@ -123,14 +124,14 @@ fn samplers_with_flow_tails_render_the_same_picture() {
     }
 }
 
-/// Draws from one sampler and says the pdf of another.
+/// Draws from one sampler and returns the pdf of another.
 struct Mistaken<A, B> {
     drawn: A,
     said: B,
 }
 
 impl<A: Sampler, B: Sampler> Mistaken<A, B> {
-    /// The states of both, one after the other.
+    /// Returns the states of both.
     fn states<'a>(&self, at: &Rows<'_>, state: &'a [Lanes]) -> (&'a [Lanes], &'a [Lanes]) {
         state.split_at(self.drawn.columns() * at.strips())
     }

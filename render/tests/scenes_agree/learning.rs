@@ -1,4 +1,4 @@
-//! Estimators that learn visibility before they render: the mean stays, whatever they have learned.
+//! Estimators that train visibility before rendering are unbiased for any trained visibility.
 
 use headtail_render::{integrator::learn_visibility, patches::Detail, visibility::SceneVisibility};
 
@@ -9,7 +9,7 @@ fn learned(environment: &Arc<Environment>) -> LearnedVisibility {
 }
 
 #[test]
-fn what_is_learned_depends_on_no_thread() {
+fn trained_visibility_does_not_depend_on_threads() {
     let environment = Arc::new(built_in("window").unwrap());
     for points in [PointSet::Sobol, PointSet::zsobol(20), PointSet::Independent] {
         for depth in [1, 3] {
@@ -33,7 +33,7 @@ fn what_is_learned_depends_on_no_thread() {
 }
 
 #[test]
-fn where_nothing_is_in_shadow_pictures_are_those_without_learning() {
+fn training_does_not_change_pictures_without_shadows() {
     let environment = Arc::new(built_in("window").unwrap());
     let scene = Scene::built_in("plane").unwrap();
     let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
@@ -44,7 +44,7 @@ fn where_nothing_is_in_shadow_pictures_are_those_without_learning() {
 }
 
 #[test]
-fn a_file_is_drawn_with_where_that_pays_and_where_one_asks_for_it() {
+fn precomputed_visibility_is_used_if_it_pays_or_on_request() {
     let environment = Arc::new(built_in("window").unwrap());
     for (scene, pays) in [("plane", false), ("bedroom", true)] {
         let scene = Scene::built_in(scene).unwrap();
@@ -64,7 +64,7 @@ fn a_file_is_drawn_with_where_that_pays_and_where_one_asks_for_it() {
 }
 
 #[test]
-fn nothing_stays_from_one_rendering_to_the_next() {
+fn renderings_are_independent_of_earlier_ones() {
     let environment = Arc::new(built_in("window").unwrap());
     let scene = Scene::built_in("temple").unwrap();
     let setting =
@@ -74,7 +74,7 @@ fn nothing_stays_from_one_rendering_to_the_next() {
     assert_eq!(bits(&render()), bits(&render()));
 }
 
-/// Mean and standard error of the image's mean over renderings of different seeds.
+/// Returns mean and standard error of the image's mean over renderings of different seeds.
 pub fn mean_of(setting: &Setting, estimator: &dyn Estimator, spp: u32, renderings: u64) -> (f64, f64) {
     let means: Vec<f64> = (0..renderings)
         .into_par_iter()
@@ -88,12 +88,12 @@ pub fn mean_of(setting: &Setting, estimator: &dyn Estimator, spp: u32, rendering
     (moments.mean, (moments.variance / means.len() as f64).sqrt())
 }
 
-/// What is learned of a setting from so many samples per pixel.
+/// Trains visibility for a setting with `samples` samples per pixel.
 fn learn(setting: &Setting, samples: u32, before: Option<SceneVisibility>) -> SceneVisibility {
     learn_with(setting, &learned(&setting.environment), samples, before)
 }
 
-/// The same by an estimator.
+/// Trains visibility as [`learn`] does, with an estimator.
 pub fn learn_with(
     setting: &Setting,
     estimator: &LearnedVisibility,
@@ -110,13 +110,13 @@ pub fn learn_with(
         unshadowed: false,
         depth: setting.depth,
     };
-    // The seed of one of the renderings: points of learning are others all the same.
+    // The seed of one of the renderings, since training uses separate points.
     let of_seed = (samples, 100);
     learn_visibility(view, estimator, before, of_seed, &AtomicBool::new(false), &|_| {})
 }
 
-/// Compares the means of six scenes with those of `mis`, each from so many renderings of so many samples, where the standard error of a
-/// difference must be below a share of the mean.
+/// Compares the means of scenes with those of `mis`, each from `renderings` renderings of `spp` samples. The
+/// standard error of a difference must be below `sharpness` times the mean.
 fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f64) {
     let environment = Arc::new(built_in("studio").unwrap());
     for name in scenes {
@@ -132,7 +132,7 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
             let (mean, own) = mean_of(&setting, &estimator, spp, renderings);
             let error = error.hypot(own);
             println!("{name}, {kind}: {:.1e} of the mean, error {:.1e}", (mean - truth) / truth, error / truth);
-            // Of 12 normal numbers one is beyond 4.1 once in two thousand times.
+            // One of 12 normal deviates exceeds 4.1 with a probability of 1/2000.
             assert!((mean - truth).abs() < 4.1 * error, "{name}, {kind}: {mean} {truth} +- {error}");
             assert!(error < sharpness * truth, "{name}, {kind}: the test is not sharp, {error} {truth}");
         }
@@ -140,11 +140,12 @@ fn means_agree_with_mis(scenes: &[&str], renderings: u64, spp: u32, sharpness: f
 }
 
 #[test]
-fn means_agree_with_mis_where_most_and_where_little_is_occluded() {
+fn means_agree_with_mis_at_high_and_low_occlusion() {
     means_agree_with_mis(&["bedroom", "droid"], 12, 64, 2e-3);
 }
 
-/// Six scenes, as sharp as it takes to see a bias of 5e-5: each takes ten to thirty minutes of one core, the diorama three quarters of an hour.
+/// Six scenes, precise enough to detect a bias of 5e-5: each takes 10 to 30 minutes of one core, the diorama
+/// 45.
 macro_rules! means_agree_with_mis_sharply {
     ($($scene:ident: $renderings:literal of $spp:literal,)*) => {
         mod sharply {
@@ -169,7 +170,7 @@ means_agree_with_mis_sharply! {
 }
 
 #[test]
-fn what_was_learned_beforehand_is_kept_in_a_file_and_makes_pictures_better() {
+fn precomputed_visibility_survives_a_file_and_lowers_the_error() {
     let environment = Arc::new(built_in("studio").unwrap());
     let scene = Scene::built_in("bedroom").unwrap().with_material(Material::diffuse(Vec3A::splat(0.7)));
     let setting = Setting { scene, environment, unshadowed: false, depth: 1, points: PointSet::Sobol };
@@ -181,7 +182,7 @@ fn what_was_learned_beforehand_is_kept_in_a_file_and_makes_pictures_better() {
     let again = SceneVisibility::read(&file).unwrap();
     again.write(&file).unwrap();
     assert!(std::fs::read(&file).unwrap() == bytes, "what is read is what was written");
-    // Learning goes on.
+    // Training resumes.
     let (rays, cells) = (again.rays(), again.cells());
     let more = learn(&setting, 28, Some(again));
     assert!(more.rays() > 5 * rays && more.cells() >= cells, "{} {}", more.rays(), more.cells());
@@ -192,10 +193,10 @@ fn what_was_learned_beforehand_is_kept_in_a_file_and_makes_pictures_better() {
     let error = |estimator: &dyn Estimator| mean_square_error(&setting, estimator);
     let informed = error(&*spec.build_in(&setting.environment, context).unwrap());
     let plain = error(&*SamplerSpec::patches().build(&setting.environment).unwrap());
-    // Twice and more of it at this size; pictures of other seeds differ by a tenth.
+    // The ratio is above 2 at this size; pictures of other seeds differ by 10 %.
     assert!(1.5 * informed < plain, "{informed} {plain}");
 
-    // Another scene, another map, too little memory, no scene.
+    // A different scene, a different map, too little memory, no scene.
     let refused = |spec: &SamplerSpec, environment: &Arc<Environment>, context: BuildContext<'_>| {
         spec.build_in(environment, context).err().expect("refused").to_string()
     };
@@ -210,7 +211,7 @@ fn what_was_learned_beforehand_is_kept_in_a_file_and_makes_pictures_better() {
     assert!(nowhere.contains("no scene is given"), "{nowhere}");
 }
 
-/// The mean square difference of two pairs of pictures of different seeds, over two: their variance.
+/// Returns the variance of pictures: half the mean squared difference of two pairs of different seeds.
 fn mean_square_error(setting: &Setting, estimator: &dyn Estimator) -> f64 {
     let picture = |seed| setting.estimate_until(estimator, 16, seed, &AtomicBool::new(false), &|_| {}).surfaces;
     let pairs = [[1, 2], [3, 4]].map(|pair| pair.map(picture));
@@ -236,14 +237,15 @@ fn damaged_files_of_visibility_are_refused() {
         let error = read(&bytes[..length]).expect_err("a cut file is read").to_string();
         assert!(error.contains("plane.visibility") && !error.contains('\n'), "{error}");
     }
-    // Any byte may be wrong: an error or other numbers, but never a panic, and never more cells than the file has.
+    // Any damaged byte gives an error or other numbers, never a panic, and never more cells than the file
+    // has.
     let cells = read(&bytes).unwrap().cells();
     let mut random = Stream::new(3, Purpose::Weights, 0);
     let estimator = learned(&setting.environment);
     for _ in 0..300 {
         let mut damaged = bytes.clone();
         for _ in 0..3 {
-            // Most of a file are counts; half of the damage goes into what comes before.
+            // Files consist mostly of counts; half of the damage goes into the bytes before them.
             let range = if random.uniform() < 0.5 { 2000.min(bytes.len()) } else { bytes.len() };
             let at = ((random.uniform() * range as f32) as usize).min(range - 1);
             damaged[at] = (random.uniform() * 256.0) as u8;

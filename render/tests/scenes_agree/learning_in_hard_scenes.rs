@@ -1,12 +1,12 @@
-//! Learned visibility where there is much to learn and little room for it: a million triangles, blades thinner than cells, a ground to the horizon. What is
-//! learned stays within its memory, and the mean stays that of `mis`.
+//! Learned visibility in hard scenes with little memory: a million triangles, blades thinner than cells,
+//! ground to the horizon. It stays within its memory, and the mean equals that of `mis`.
 
 use glam::Vec3;
 use headtail_render::scene::{Camera, Mesh};
 
 use super::*;
 
-/// What may be learned in, at 5 kB a cell: three cells of each size, some hundred, and as many as come.
+/// Memory limits, at 5 kB a cell: three cells of each size, some hundred, and the default.
 const MEMORIES: [usize; 3] = [100_000, 1 << 20, LearnedVisibility::MEMORY];
 
 fn scene_of(name: &str, positions: Vec<Vec3>, triangles: Vec<[u32; 3]>, camera: Camera) -> Scene {
@@ -14,7 +14,7 @@ fn scene_of(name: &str, positions: Vec<Vec3>, triangles: Vec<[u32; 3]>, camera: 
     Scene::new(name, vec![mesh], vec![Material::diffuse(Vec3A::splat(0.7))], Some(camera)).unwrap()
 }
 
-/// Hills of 10 m with a side of `side` squares of two triangles, which shadow each other.
+/// Returns hills of 10 m with `side` x `side` squares of two triangles, which shadow each other.
 fn hills(side: u32) -> Scene {
     let height = |x: f32, z: f32| {
         let ridges = (3.1 * x).sin() * (2.3 * z + x).cos() + 0.5 * (9.7 * x + 4.0 * z).sin() * (8.3 * z).cos();
@@ -34,7 +34,7 @@ fn hills(side: u32) -> Scene {
     scene_of("hills", positions, triangles.collect(), camera)
 }
 
-/// Blades of 2 mm by 40 cm, both sides of which are seen, on a square of ground of 4 m.
+/// Returns two-sided blades of 2 mm by 40 cm on a 4 m square of ground.
 fn blades(count: u64) -> Scene {
     let mut positions =
         [[-2.0, -2.0], [-2.0, 2.0], [2.0, 2.0], [2.0, -2.0]].map(|[x, z]| Vec3::new(x, 0.0, z)).to_vec();
@@ -54,7 +54,7 @@ fn blades(count: u64) -> Scene {
     scene_of("blades", positions, triangles, camera)
 }
 
-/// A temple on a plane, of which half of the picture is, as far as the horizon.
+/// Returns a temple on a plane to the horizon that fills half of the picture.
 fn horizon() -> Scene {
     let temple = Scene::built_in("temple").unwrap();
     let bounds = temple.bounds();
@@ -69,12 +69,12 @@ fn horizon() -> Scene {
 }
 
 #[test]
-fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
+fn learned_visibility_stays_within_its_memory_and_is_unbiased() {
     let environment = Arc::new(built_in("studio").unwrap());
     let mis = SamplerSpec::mis().build(&environment).unwrap();
     let scenes = [hills(708), blades(4000), horizon()];
     assert!(scenes[0].triangle_count() >= 1_000_000);
-    // Of 18 normal numbers one is beyond 4.1 less than once in a thousand times.
+    // One of 18 normal deviates exceeds 4.1 with a probability below 1e-3.
     for scene in scenes {
         let name = scene.name().to_owned();
         let environment = environment.clone();
@@ -95,7 +95,7 @@ fn what_is_learned_stays_within_its_memory_and_the_mean_stays() {
             assert!(size.bytes <= memory && size.cells > 0, "{name}: {size:?}, allowed {memory}");
             assert!((mean - truth).abs() < 4.1 * error.hypot(own), "{name}: {mean} {truth} +- {}", error.hypot(own));
             assert!(error.hypot(own) < 5e-3 * truth, "{name}: the test is not sharp");
-            // What was learned beforehand is drawn with within the same memory.
+            // Precomputed visibility is used within the same memory.
             let informed = plain.with_precomputed(&learned).unwrap();
             let (mean, own) = learning::mean_of(&setting, &informed, 64, 6);
             let size = setting.estimate_until(&informed, 64, 5, &AtomicBool::new(false), &|_| {}).learned.unwrap();

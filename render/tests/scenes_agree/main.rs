@@ -1,4 +1,4 @@
-//! Every sampler renders the same picture as every other, a white furnace is white, and threads change nothing.
+//! All samplers render the same picture, a white furnace is white, and threads have no effect.
 
 mod budgets;
 mod flow_tails;
@@ -64,7 +64,7 @@ impl Setting {
         stop: &AtomicBool,
         progress: &dyn Fn(f64),
     ) -> Rendering {
-        // What is learned is drawn with whatever it gains: it is the mean that is held to here.
+        // Trained visibility is used regardless of its gain, since only the mean is tested.
         let context = BuildContext { always: true, ..BuildContext::default() };
         self.estimate_until(&*sampler.build_in(&self.environment, context).unwrap(), spp, seed, stop, progress)
     }
@@ -85,7 +85,7 @@ impl Setting {
     }
 }
 
-/// A head with small random weights: far from the identity, near enough for bounded variance.
+/// Returns a head with small random weights: far from the identity, but with bounded variance.
 fn random_head(mode: Mode) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [0.8; 2]);
@@ -94,7 +94,7 @@ fn random_head(mode: Mode) -> Head {
     Head::new(Condition::Normal, mode, 0.01, Vec::new(), networks).unwrap()
 }
 
-/// The table of a head: the mean of its density over points of each cell.
+/// Returns the table of a head: the mean of its density over points of each cell.
 fn bake(head: &Head, tail: &Tail) -> BakedTable {
     let cells = CellGrid::new(8, 8).unwrap();
     let points: Vec<Vec2> = CellPoints::new(tail, cells, 3).positions().flatten().copied().collect();
@@ -107,7 +107,8 @@ fn bake(head: &Head, tail: &Tail) -> BakedTable {
     .unwrap()
 }
 
-/// Writes a head in either mode, its bake and a direct bake for a map, and names them as samplers.
+/// Writes a head in either mode, its bake and a direct bake for a map, and returns the samplers'
+/// specifications.
 fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
     let summary = TrainingSummary::default();
     let path = |name: &str| folder.join(format!("{}-{name}.safetensors", environment.name()));
@@ -156,9 +157,9 @@ fn a_white_furnace_is_white() {
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
     for name in built_in_names() {
         let scene = Scene::built_in(name).unwrap().with_material(Material::diffuse(Vec3A::ONE));
-        // What the smooth normals of a tessellated sphere reflect to below its facets is lost: with normals that lean by up to
-        // 0.02 rad, a share of 0.02^2 / 4 = 1e-4 at most.
-        // The other scenes have thin bars and folds of a dozen pieces around, whose normals lean by 0.3 rad: up to 2 % of what they reflect.
+        // Light that the smooth normals of a tessellated sphere reflect below its facets is lost: with
+        // normals tilted by up to 0.02 rad, a fraction of at most 0.02^2 / 4 = 1e-4. The other scenes have
+        // thin bars and folds of a dozen segments around, whose normals tilt by 0.3 rad: up to 2 %.
         let most_lost = match name {
             "plane" => 0.0,
             "sphere" => 1e-4,
@@ -172,7 +173,7 @@ fn a_white_furnace_is_white() {
         let mut missing = 0.0;
         for pixel in &cosine.pixels {
             for value in pixel {
-                // Each sample is 1 to rounding, or lost.
+                // Each sample is 1 up to rounding, or lost.
                 let shortage = (1.0 - value) * spp as f32;
                 assert!((shortage - shortage.round()).abs() < 1e-4 && shortage > -1e-4, "{name}: a pixel is {value}");
                 missing += shortage.round() / spp as f32;
@@ -189,8 +190,8 @@ fn a_white_furnace_is_white() {
             let values: Vec<f64> = image.pixels.iter().map(|pixel| f64::from(pixel[1])).collect();
             let moments = Moments::of(&values).unwrap();
             let error = (moments.variance / values.len() as f64).sqrt();
-            // Normal quantile of 0.01 / 80 tests, two-sided, from above: 4 standard errors. The cosine sampler's own loss is known to a few
-            // per cent of it.
+            // 4 standard errors bound the two-sided normal quantile of 0.01 / 80 tests. The cosine sampler's
+            // own loss is known to a few per cent.
             assert!(significance > 6.4e-5);
             let deviation = (moments.mean - 1.0 + f64::from(lost)).abs();
             assert!(
@@ -218,8 +219,8 @@ fn all_samplers_render_the_same_picture() {
             };
             let mut tested: Vec<(SamplerSpec, u32)> =
                 samplers(folder.path(), &environment).into_iter().map(|sampler| (sampler, 32)).collect();
-            // Under a sun, cosine sampling has half of its mean in one sample of 1e5: the normal approximation of the test does
-            // not hold. It is held against the others where light is soft.
+            // Under a sun, half of the mean of cosine sampling is in one sample of 1e5: the normal
+            // approximation does not hold. It is compared with the others only under soft light.
             if map == "window" {
                 tested.push((SamplerSpec::brdf(), 64));
             }
@@ -245,7 +246,8 @@ fn all_samplers_render_the_same_picture() {
     }
 }
 
-/// What each pixel of a view shows in a white furnace without shadows: the directional albedo, averaged over 2 x 2 rays.
+/// Returns the pixels of a view in a white furnace without shadows: the directional albedo, averaged over 2 x
+/// 2 rays.
 fn furnace(scene: &Scene) -> Vec<f64> {
     const SIDE: usize = 48;
     let camera = scene.camera();
@@ -300,7 +302,8 @@ fn glossy_surfaces_in_a_white_furnace_show_their_albedo() {
                 image.pixels.iter().zip(&truth).map(|(pixel, truth)| f64::from(pixel[1]) - truth).collect();
             let moments = Moments::of(&differences).unwrap();
             let error = (moments.variance / differences.len() as f64).sqrt();
-            // 4 standard errors as above, with 33 tests: 0.01 / 33 is 3.6 of them. Points of `furnace` miss some 3e-4 at the horizon.
+            // 4 standard errors as above; 33 tests need 3.6 (0.01 / 33). The points of `furnace` miss some
+            // 3e-4 at the horizon.
             let deviation = moments.mean;
             assert!(deviation.abs() <= 4.0 * error + 3e-4, "{name}, {sampler}: off by {deviation} +- {error}");
         }
@@ -341,7 +344,7 @@ fn all_samplers_render_the_same_glossy_picture() {
 }
 
 #[test]
-fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_furnace() {
+fn paths_of_all_samplers_have_the_same_mean_and_white_dishes_are_white_in_a_furnace() {
     let folder = tempfile::tempdir().unwrap();
     let environment = Arc::new(built_in("window").unwrap());
     let setting = Setting {
@@ -364,7 +367,7 @@ fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_fu
         }
     }
 
-    // Between white surfaces under a white sky everything is white, if only paths are long enough.
+    // White surfaces under a white sky are white if paths are long enough.
     let white = Image { width: 32, height: 16, pixels: vec![[1.0; 3]; 32 * 16] };
     let environment = Arc::new(Environment::from_image("white", white).unwrap());
     let scene = || Scene::built_in("dishes").unwrap().with_material(Material::diffuse(Vec3A::ONE));
@@ -383,13 +386,14 @@ fn paths_of_every_sampler_have_the_same_mean_and_white_crockery_is_white_in_a_fu
     };
     let ((direct, _), (paths, error)) = (mean(1), mean(64));
     assert!(direct < 0.95, "{direct}");
-    // Lost are paths in the deepest folds, and what smooth normals reflect to below their facets: some 0.5 %.
+    // Paths in the deepest folds, and light that smooth normals reflect below their facets, are lost: some
+    // 0.5 %.
     assert!(paths < 1.0 + 4.0 * error && paths > 0.99 - 4.0 * error, "{paths} +- {error}");
 }
 
 #[test]
-fn a_sampler_of_other_energy_is_told_apart() {
-    // The comparison above can fail: 6 % more light is seen with images and samples like those.
+fn a_sampler_of_different_energy_is_detected() {
+    // The comparison above can fail: it detects 6 % more light with similar images and samples.
     let setting = Setting {
         scene: Scene::built_in("dishes").unwrap(),
         environment: Arc::new(built_in("window").unwrap()),

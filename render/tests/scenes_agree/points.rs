@@ -1,4 +1,4 @@
-//! Pictures by points of every kind have the same mean, and under Sobol's points the error falls faster than under independent ones.
+//! All kinds of points give the same mean, and with Sobol points MSE falls faster than with independent ones.
 
 use super::*;
 
@@ -7,7 +7,7 @@ pub(super) fn setting(scene: &str, map: &str, unshadowed: bool, depth: u32, poin
     Setting { scene, environment, unshadowed, depth, points }
 }
 
-/// Mean luminance of the surfaces, of `runs` renderings with different seeds.
+/// Returns the moments of the surfaces' mean luminance over `runs` renderings with different seeds.
 fn means(setting: &Setting, sampler: &SamplerSpec, spp: u32, runs: u64, first: u64) -> Moments {
     let estimator = sampler.build(&setting.environment).unwrap();
     let mean = |seed| {
@@ -21,13 +21,13 @@ fn means(setting: &Setting, sampler: &SamplerSpec, spp: u32, runs: u64, first: u
 fn every_kind_of_points_gives_the_same_mean() {
     const RUNS: u64 = 64;
     let cases = [("mis", 1, 1), ("mis2", 1, 1), ("ris:5", 1, 1), ("ris:4", 3, 1), ("mis", 1, 4), ("patches", 1, 1)];
-    // Runs are independent, pixels need not be. 6 cases x 3 kinds.
+    // Runs are independent; pixels need not be. 6 cases x 3 kinds.
     let significance = sidak(SIGNIFICANCE, 18);
     for (sampler, spp, depth) in cases {
         let spec: SamplerSpec = sampler.parse().unwrap();
         let of = |points, first| means(&setting("dishes", "window", false, depth, points), &spec, spp, RUNS, first);
         let independent = of(PointSet::Independent, 1000);
-        // A set that is used up, one that is not, and one that holds all samples.
+        // Sobol, zsobol that holds all samples, and zsobol of a different size.
         for points in [PointSet::Sobol, PointSet::zsobol(spp), PointSet::zsobol(2)] {
             let test = TTest::welch(&independent, &of(points, 0));
             assert!(test.p_value > significance, "{sampler}, depth {depth}, {points}: {test:?}");
@@ -35,16 +35,18 @@ fn every_kind_of_points_gives_the_same_mean() {
     }
 }
 
-/// Mean squared error over pixels, from the difference of two runs: with the same mean, half of the mean squared difference.
+/// Returns the mean squared error over pixels: half of the mean squared difference of two runs with the same
+/// mean.
 pub(super) fn error(setting: &Setting, sampler: &SamplerSpec, spp: u32) -> f64 {
     let [a, b] = [1, 2].map(|seed| setting.render(sampler, spp, seed).surfaces);
     let squares = a.pixels.iter().flatten().zip(b.pixels.iter().flatten()).map(|(a, b)| f64::from(a - b).powi(2));
     0.5 * squares.sum::<f64>() / (3 * a.pixels.len()) as f64
 }
 
-/// The exponent of the error's fall from 4 to 256 samples per pixel, on smooth integrands: no shadows, surfaces without edges in most pixels.
+/// The exponent of MSE from 4 to 256 samples per pixel, on smooth integrands: no shadows, surfaces without
+/// edges in most pixels.
 #[test]
-fn the_error_of_sobol_points_falls_faster_than_that_of_independent_ones() {
+fn mse_falls_faster_with_sobol_points_than_with_independent_ones() {
     for sampler in ["brdf", "emitter", "mis", "mis2", "ris:4", "patches"] {
         let spec: SamplerSpec = sampler.parse().unwrap();
         let slope = |points| {
@@ -52,7 +54,8 @@ fn the_error_of_sobol_points_falls_faster_than_that_of_independent_ones() {
             (error(&setting, &spec, 256) / error(&setting, &spec, 4)).ln() / 64.0_f64.ln()
         };
         let [independent, sobol, zsobol] = [PointSet::Independent, PointSet::Sobol, PointSet::zsobol(256)].map(slope);
-        // Of one over N. The errors of 3,000 numbers are known to some 3 % each, their ratio's exponent to 0.01; heavy tails make it 0.03.
+        // The expected exponent is -1. MSE over 3,000 numbers is precise to some 3 %, the exponent to 0.01,
+        // or 0.03 with heavy tails.
         assert!((independent + 1.0).abs() < 0.1, "{sampler}: {independent}");
         // Measured: brdf -1.70, emitter -1.73, mis -1.84, mis2 -1.66, ris:4 -1.47 under `sobol`,
         // and -1.62, -1.83, -1.76, -1.67, -1.42 under `zsobol`.

@@ -1,4 +1,4 @@
-//! The directions that the cells of Y hold: for integrals over a cell, and for bounds that no direction in it escapes.
+//! The directions in each cell of Y: for integrals over a cell, and for bounds on all directions in it.
 
 use std::f32::consts::{PI, TAU};
 
@@ -15,50 +15,54 @@ use crate::{
 
 /// Points along a side of Y.
 const Y_SIDE: usize = 512;
-/// Rows of points of X, at least about as many, and twice as many columns; a map that has more texels gets one point for each.
+/// Approximate minimum of rows of points of X, with twice as many columns; larger maps get one point
+/// per texel.
 const X_ROWS: usize = 512;
-/// Rows of the blocks of X by which directions are grouped, 1.4 degrees each, and twice as many columns.
+/// Rows of the blocks of X by which directions are grouped, 1.4 degrees each, with twice as many columns.
 const BLOCK_ROWS: usize = 128;
-/// Bits of the number of a block.
+/// Bits of a block's index.
 const BLOCK_BITS: u32 = (2 * BLOCK_ROWS * BLOCK_ROWS).ilog2();
-/// How far from its edges a part of a texel is looked up, as a share of its size: rounding must not lead to the neighbour.
+/// Inset from the edges at which a part of a texel is looked up, relative to its size, so that rounding
+/// does not lead to the neighbour.
 const INSET: f32 = 4e-3;
-/// By how much the box of such points is widened: the density at an edge of a texel is at most twice its mean, so less than two
-/// insets of the texel's image lie beyond.
+/// Relative widening of the box of such points: the density at an edge of a texel is at most twice its
+/// mean, so less than two insets of the texel's image lie beyond.
 const WIDENING: f32 = 2.0 * 2.0 * INSET;
-/// The largest weight over its mean that masses are raised for. The documented bound is 12: the light that is seen is known at some normals
-/// only, and what it is over the density at some points of a texel.
+/// The bound on weight over mean weight that masses are raised for. The documented bound is 12; the
+/// margin covers irradiance evaluated at some normals only, and light over density at some points of a
+/// texel only.
 const LARGEST_WEIGHT: f32 = 11.0;
-/// The largest share of the highest cosine in a cell that a mass is raised to.
+/// The largest fraction of the highest cosine in a cell that a mass is raised to.
 const LARGEST_SHARE: f32 = 0.5;
-/// How often masses are raised to what the sum of raised masses asks for.
+/// Iterations of raising: the required fractions depend on the means of the raised masses.
 const ROUNDS: usize = 4;
-/// The share of the time of raising masses in which highest cosines are found.
+/// The fraction of the time of raising masses spent on the highest cosines.
 const BOUNDS: f64 = 0.5;
-/// Normals along a side of a cell of the grid of normals at which a table is held against the light that is seen there.
+/// Normals along a side of a cell of the grid of normals at which weights are bounded.
 const BETWEEN: usize = 6;
 
 /// The directions in the cells of Y, in groups of neighbours.
 ///
-/// A texel's share of Y is its share of the light: a dark part of the map is a strip of Y that evenly spaced points step over, though it
-/// is a large part of the sphere. So directions come from points of Y *and* from points of X, joined by the balance heuristic, and the
-/// cells that hold a direction are found from the corners of every texel.
+/// A texel's area in Y is proportional to its light: a dark part of the map is a thin strip of Y that
+/// evenly spaced points miss, although it covers a large part of the sphere. So directions come from
+/// points of Y *and* from points of X, combined by the balance heuristic, and the cells of a direction
+/// are found from the corners of every texel.
 #[derive(Clone, Debug)]
 pub struct CellDirections {
     cells: CellGrid,
-    /// Where the parts of each cell begin, and the end.
+    /// Start of each cell's parts, and the end.
     starts: Vec<usize>,
     parts: Vec<Part>,
-    /// All light by direction: components and mass, in lanes.
+    /// Sums of directions times mass, one per block, in lanes.
     light: Vec<[Lanes; 3]>,
 }
 
-/// What a cell holds of one block of X.
+/// The part of a cell that lies in one block of X.
 #[derive(Clone, Copy, Debug)]
 struct Part {
-    /// Mean direction of the points, not normalised, times the root of their mass over the cell's.
+    /// Mean direction of the points, not normalised, times the root of their fraction of the cell's mass.
     scaled: Vec3A,
-    /// A cap around the block and texels that it cuts, with the cosine and sine of its angle.
+    /// A cap around the block and the texels that it cuts, with the cosine and sine of its angle.
     centre: Vec3A,
     cos: f32,
     sin: f32,
@@ -66,12 +70,12 @@ struct Part {
     excess: f32,
 }
 
-/// Points of one block in one cell.
+/// The points of one block in one cell.
 #[derive(Clone, Copy, Debug)]
 struct Group {
-    /// The cell's number, then the block's.
+    /// The cell's index, then the block's.
     key: u32,
-    /// Share of Y.
+    /// Area in Y.
     mass: f32,
     /// Sum of directions times their masses.
     sum: Vec3A,
@@ -115,8 +119,8 @@ impl CellDirections {
         }
     }
 
-    /// A bound of the cosine of any direction in each cell to any normal within `reach` radians of one, times light over density:
-    /// `[rows * columns]`.
+    /// An upper bound on the cosine between any direction in each cell and any normal within `reach`
+    /// radians of `normal`, times light over density: `[rows * columns]`.
     fn highest_cosines(&self, normal: Vec3A, reach: f32, out: &mut [f32]) {
         let (sin_reach, cos_reach) = reach.sin_cos();
         for (out, ends) in out.iter_mut().zip(self.starts.windows(2)) {
@@ -132,20 +136,23 @@ impl CellDirections {
         }
     }
 
-    /// Raises masses `[nodes, rows, columns]` so that no direction has a weight (light x cosine over pdf) of more than 12 times its mean,
-    /// whatever the normal of a Lambert surface.
+    /// Raises masses `[nodes, rows, columns]` so that no direction has a weight (light x cosine over
+    /// pdf) above 12 times the mean, for all normals of a Lambert surface.
     ///
-    /// The mean of a node's masses is to be the mean over Y of the cosine to its normal, or more. At a normal n between nodes of weights w let the
-    /// interpolated mass of a cell be M, the mean of M over cells S, and the mean of the cosine C: a direction has the weight `cos S / C M` over the
-    /// mean. Let every mass be a share of the highest cosine in its cell, or more. As the cosine is convex in the normal, M is at least that
-    /// share of |N| cos if n is along N, the sum of w times the nodes' normals. It is only near N, so the highest cosine is taken over all
-    /// normals that near. Then no weight exceeds `S / (C |N| share)`, and the share of a node is the least that makes this 11 at the normals
-    /// that it serves.
+    /// The mean of a node's masses must be at least the mean over Y of the cosine to its normal. At a
+    /// normal n between nodes with weights w, M is the interpolated mass of a cell, S the mean of M
+    /// over cells, and C the mean of the cosine: the weight of a direction over the mean weight is
+    /// `cos S / C M`. Every mass is at least a fraction `a` of the highest cosine in its cell. As the
+    /// cosine is convex in the normal, M is at least `a |N| cos` if n is along N, the sum of w times
+    /// the nodes' normals. As n is only near N, the highest cosine is taken over all normals within
+    /// that distance. Then no weight exceeds `S / (C |N| a)`, and the fraction of a node is the least
+    /// that makes this 11 at the normals interpolated from it.
     ///
-    /// It is 1/2 at most. Normals ask for more that see next to no light, where the highest cosines over all cells have a mean of more than 5 C: no table
-    /// of so few cells could bound their weights by much less.
+    /// Fractions are at most 1/2. Only normals with almost no light require more, where the highest
+    /// cosines over all cells have a mean above 5 C: no table of so few cells could bound their weights
+    /// much better.
     ///
-    /// `watch` is told now and then how much of the whole work is done, of which the given share was done before.
+    /// `watch` is called with the finished fraction of the whole work, of which `before` precedes this call.
     pub fn raise(&self, normals: NormalGrid, masses: &mut [f32], (before, watch): (f64, &(dyn Fn(f64) + Sync))) {
         let count = self.cells.cells();
         let mut highest = vec![0.0; masses.len()];
@@ -188,7 +195,7 @@ impl CellDirections {
         }
     }
 
-    /// The mean over Y of the cosine to a normal, where that is positive.
+    /// The mean over Y of the cosine to a normal, clamped to positive values.
     pub fn irradiance(&self, normal: Vec3A) -> f32 {
         let mut sums = [0.0; LANES];
         irradiances(&self.light, normal.to_array(), &mut sums);
@@ -198,7 +205,7 @@ impl CellDirections {
 
 vectorized! {
     fn irradiances['a](_simd, light: &'a [[Lanes; 3]], normal: [f32; 3], sums: &'a mut Lanes) {
-        // In registers: what is written through a reference might be read by the next turn.
+        // A local copy stays in registers; writes through the reference would go to memory.
         let mut own = *sums;
         for [x, y, z] in light {
             for k in 0..LANES {
@@ -219,7 +226,7 @@ impl Group {
         self.key as usize & ((1 << BLOCK_BITS) - 1)
     }
 
-    /// The points of X and Y with the mass of their own.
+    /// The group of a single point.
     fn of(cells: CellGrid, y: Vec2, x: Vec2, mass: f32) -> Self {
         let block = block_of(x);
         Self { key: key_of(cells, cells.cell(y), block), mass, sum: mass * latlong::direction(x), excess: 0.0 }
@@ -234,11 +241,11 @@ fn block_of(x: Vec2) -> usize {
 }
 
 fn key_of(cells: CellGrid, (row, column): (usize, usize), block: usize) -> u32 {
-    // At most 12 bits and 15 bits.
+    // At most 12 and 15 bits.
     ((row * cells.shape().1 + column) << BLOCK_BITS | block) as u32
 }
 
-/// Joins neighbours of equal keys.
+/// Merges neighbours of equal keys.
 fn merge(groups: &mut Vec<Group>) {
     groups.dedup_by(|next, first| {
         let same = next.key == first.key;
@@ -251,7 +258,7 @@ fn merge(groups: &mut Vec<Group>) {
     });
 }
 
-/// All points of one block, whatever their cell.
+/// Sums the groups of each block over all cells.
 fn light_of(groups: &[Group]) -> Vec<[Lanes; 3]> {
     let mut sums = vec![Vec3A::ZERO; 1 << BLOCK_BITS];
     for group in groups {
@@ -293,7 +300,7 @@ struct Split {
     /// Rectangles along the sides of a cell.
     across: usize,
     down: usize,
-    /// Of the density.
+    /// Row weights of the density.
     row_weights: Vec<f32>,
 }
 
@@ -309,7 +316,8 @@ impl Split {
         }
     }
 
-    /// What a point of X or Y counts for in an integral over Y, by the balance heuristic over all points of both kinds; `density` is |dy/dx| there.
+    /// The weight of a point of X or Y in an integral over Y, by the balance heuristic over all points
+    /// of both kinds; `density` is |dy/dx| there.
     fn mass(&self, density: f32) -> f32 {
         let of_x = (self.columns * self.across * self.rows * self.down) as f32;
         let of_y = (Y_SIDE * Y_SIDE) as f32;
@@ -317,7 +325,7 @@ impl Split {
         if density < f32::INFINITY { density / (of_x + of_y * density) } else { 1.0 / of_y }
     }
 
-    /// The cap around a block, and what texels around its points reach beyond it: its centre, and the cosine and sine of its angle.
+    /// The cap around a block and the texels at its edges: centre, and cosine and sine of its angle.
     fn cap(&self, block: usize) -> (Vec3A, f32, f32) {
         let at = |inside: Vec2| {
             let corner = Vec2::new((block % (2 * BLOCK_ROWS)) as f32, (block / (2 * BLOCK_ROWS)) as f32);
@@ -331,7 +339,8 @@ impl Split {
         (centre, cos, sin)
     }
 
-    /// The groups of the rows of cells in one of as many bands as there are rows of blocks: rows of the same blocks, few groups.
+    /// The groups of the rows of cells in one band. There is one band per row of blocks, so that groups
+    /// merge well.
     fn groups_of_band(&self, tail: &Tail, cells: CellGrid, band: usize) -> Vec<Group> {
         let mut groups = Vec::new();
         for row in band * self.rows / BLOCK_ROWS..(band + 1) * self.rows / BLOCK_ROWS {
@@ -342,7 +351,8 @@ impl Split {
         groups
     }
 
-    /// The groups of a row of cells of the density: their centres, and every cell of Y that they reach.
+    /// Appends the groups of a row of cells of the density: their centres, and every cell of Y that
+    /// they overlap.
     fn push_row(&self, tail: &Tail, cells: CellGrid, row: usize, groups: &mut Vec<Group>) {
         const PLACES: [Vec2; 5] = [
             Vec2::splat(0.5),
@@ -371,7 +381,7 @@ impl Split {
         }
     }
 
-    /// One rectangle, by its centre and the places where its centre and corners come from.
+    /// Appends the groups of a rectangle, given its centre and the points of Y of its centre and corners.
     fn push(&self, cells: CellGrid, centre: Vec2, y: &[(Vec2, f32)], excess: f32, groups: &mut Vec<Group>) {
         if y.iter().all(|&(_, density)| density <= 0.0) {
             return;

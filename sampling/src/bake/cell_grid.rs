@@ -4,7 +4,7 @@ use glam::Vec2;
 
 use crate::error::{Error, Result};
 
-/// Most cells along one side of Y: the factors of so many rows have a sum that f32 holds without rounding.
+/// Maximum number of cells along a side of Y: f32 holds the sum of this many row factors exactly.
 const MOST_CELLS: usize = 64;
 
 /// The cells of the intermediate square: `rows` along elevation, `columns` around the circle.
@@ -15,7 +15,7 @@ pub struct CellGrid {
 }
 
 impl CellGrid {
-    /// A grid of `rows x columns` cells.
+    /// Makes a grid of `rows x columns` cells.
     ///
     /// # Errors
     /// Both must be 1 to 64.

@@ -1,8 +1,9 @@
-//! The cell masses of the tables at the nodes of a grid of normals, as 16-bit integers: sums without rounding.
+//! The cell masses of the tables at the nodes of a grid of normals, as 16-bit integers with exact sums.
 //!
-//! A draw looks at the tables of the four nodes around its normal at the same places. So the numbers of four nodes lie side by side, for each cell of
-//! the grid of normals: a step of a search is one load for each sample, and the same few instructions for all samples of a strip. A step waits for the
-//! one before, so searches go on for two strips at once: `N` is how many samples.
+//! A draw reads the tables of the four nodes around its normal at the same positions. So the numbers of
+//! four nodes are stored side by side, for each cell of the grid of normals: a step of a search is one
+//! load per sample, and the same few instructions for all samples of a strip. Each step depends on the
+//! previous one, so two strips are searched at once to hide latency: `N` is the number of samples.
 
 use super::{cell_grid::CellGrid, normal_grid::NormalGrid};
 use crate::{discrete::remap, large::Large, simd::Quads};
@@ -10,15 +11,16 @@ use crate::{discrete::remap, large::Large, simd::Quads};
 /// The running sum at the end of a row, and the factor of the row of largest mass.
 const WHOLE: u16 = u16::MAX;
 
-/// The four tables around the normal of each of some samples: the cell of the grid of normals, and what a unit of the mass of each of its corners
-/// counts for, its weight times its scale.
+/// The four tables around the normals of `N` samples: the cell of the grid of normals, and for each of
+/// its corners the weight times the table's scale.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Blends<const N: usize> {
     pub cells: [u32; N],
     pub weights: [[f32; N]; 4],
 }
 
-/// The sum of four tables' numbers, each times its weight. In this order everywhere, so that equal numbers have equal sums.
+/// The weighted sum of four tables' numbers. The order of summation is fixed, so that equal numbers
+/// have equal sums.
 #[inline(always)]
 fn weighted_sum(weights: [f32; 4], numbers: [f32; 4]) -> f32 {
     let near = weights[0] * numbers[0] + weights[1] * numbers[1];
@@ -26,7 +28,7 @@ fn weighted_sum(weights: [f32; 4], numbers: [f32; 4]) -> f32 {
     near + far
 }
 
-/// The same for each sample.
+/// [`weighted_sum`] for each sample.
 #[inline(always)]
 fn weighted_sums<const N: usize>(weights: &[[f32; N]; 4], numbers: &[[f32; N]; 4]) -> [f32; N] {
     let mut sums = [0.0; N];
@@ -44,18 +46,20 @@ fn lane<const N: usize>(columns: &[[f32; N]; 4], k: usize) -> [f32; 4] {
 
 /// Masses of the cells of many tables over the same grid of cells.
 ///
-/// The mass of a cell is `scale of the table x factor of the row x difference of running sums along the row`. Factors and
-/// running sums are integers up to 65535 and no difference is 0, so every cell has a mass and all sums are exact in f32.
+/// The mass of a cell is
+/// `scale of the table x factor of the row x difference of running sums along the row`. Factors and
+/// running sums are integers up to 65535 and no difference is 0, so every cell has a mass and all sums
+/// are exact in f32.
 #[derive(Clone, Debug)]
 pub(super) struct CellMasses {
     normals: NormalGrid,
     cells: CellGrid,
-    /// What a mass of 1 stands for: `[cells of normals, corners]`.
+    /// The value of one unit of mass: `[cells of normals, corners]`.
     scales: Vec<[f32; 4]>,
     /// The inclusive running sums of the rows' factors: `[cells of normals, rows, corners]`.
     row_sums: Large<[f32; 4]>,
-    /// The factor of a row, then its running sums before each cell but the first, where it is 0, then 65535: `[cells of normals, rows, columns + 1,
-    /// corners]`.
+    /// For each row its factor, then the running sums up to the end of each cell, of which the last is 65535:
+    /// `[cells of normals, rows, columns + 1, corners]`.
     numbers: Large<[u16; 4]>,
 }
 
@@ -68,13 +72,13 @@ struct Quantized {
 }
 
 impl Quantized {
-    /// A row is rounded up to 1/65535 of the largest row, a cell to 1/65535 of its row.
+    /// Rounds rows up to 1/65535 of the largest row, and cells to 1/65535 of their row.
     fn new(columns: usize, masses: &[f64]) -> Self {
         let row_mass = |row: &[f64]| row.iter().sum::<f64>();
         let largest = masses.chunks_exact(columns).map(row_mass).fold(0.0, f64::max);
         let (mut factors, mut row_sums, mut numbers) = (0_u32, Vec::new(), Vec::new());
         for masses in masses.chunks_exact(columns) {
-            // Up, so that no row counts for less.
+            // Rounded up, so that no row loses mass.
             let factor = (row_mass(masses) / largest * f64::from(WHOLE)).ceil().max(1.0) as u16;
             numbers.push(factor);
             let mut sum = 0;
@@ -92,7 +96,7 @@ impl Quantized {
 }
 
 impl CellMasses {
-    /// The tables of `masses` `[nodes of normals, rows, columns]`, all positive.
+    /// Makes tables from `masses` `[nodes of normals, rows, columns]`, all positive.
     pub fn new(normals: NormalGrid, cells: CellGrid, masses: &[f64]) -> Self {
         let nodes = masses.chunks_exact(cells.cells()).map(|masses| Quantized::new(cells.shape().1, masses));
         let nodes: Vec<Quantized> = nodes.collect();
@@ -106,8 +110,9 @@ impl CellMasses {
         Self { normals, cells, scales, row_sums: row_sums.into(), numbers: numbers.into() }
     }
 
-    /// For each table, row and cell the running mass of the row up to the cell's end and the cell's own mass, and for each table and row the running mass
-    /// of the rows. A cell's mass is no difference of its neighbours' running masses here, as those are rounded.
+    /// For each table, row and cell the running mass of the row up to the cell's end, and the cell's
+    /// own mass; for each table and row the running mass of the rows. Cell masses are not differences
+    /// of running masses, as those are rounded.
     pub fn running_masses(&self) -> [Vec<f32>; 3] {
         let (rows, columns) = self.cells.shape();
         let [mut along, mut own, mut down] = [const { Vec::new() }; 3];
@@ -128,7 +133,8 @@ impl CellMasses {
         [along, own, down]
     }
 
-    /// What the masses of the four tables around a normal count for by their weights, and the sum of their rows' factors, each times that.
+    /// Returns the weights times scales of the four tables around each normal, and the weighted sum of
+    /// their total row factors.
     #[inline(always)]
     pub fn blends<const N: usize>(&self, cells: &[u32; N], weights: &[[f32; N]; 4]) -> (Blends<N>, [f32; N]) {
         let (rows, scales) = (self.cells.shape().0 as u32, self.scales.load(cells));
@@ -147,7 +153,7 @@ impl CellMasses {
         (Blends { cells: *cells, weights: scaled }, total)
     }
 
-    /// The mass of all cells of a table in which the rows' factors sum to 1, in units of its scale.
+    /// The mass of a row of factor 1, in units of the table's scale.
     pub const ROW: f32 = WHOLE as f32;
 
     #[inline(always)]
@@ -156,7 +162,8 @@ impl CellMasses {
         (cell * rows + row) * (columns + 1)
     }
 
-    /// For each sample the row in which the weighted sum of the tables' running sums of factors passes `target`, and the position inside in `[0, 1)`.
+    /// Finds for each sample the row in which the weighted running sum of factors passes `target`, and
+    /// the position inside in `[0, 1)`.
     #[inline(always)]
     pub fn search_rows<const N: usize>(&self, at: &Blends<N>, target: &[f32; N]) -> ([u32; N], [f32; N]) {
         let rows = self.cells.shape().0 as u32;
@@ -168,8 +175,8 @@ impl CellMasses {
         (found.index, found.inside(target))
     }
 
-    /// For each sample the column of a row at which the share `z` of the row's mass in all tables is reached, the position inside in `[0, 1)`, and the
-    /// mass of the cell in all tables, each times its weight.
+    /// Finds for each sample the column at which the weighted running mass of a row passes `z` times
+    /// the row's mass, the position inside in `[0, 1)`, and the weighted mass of the cell.
     #[inline(always)]
     pub fn search_columns<const N: usize>(
         &self,
@@ -188,7 +195,7 @@ impl CellMasses {
         (found.index, found.inside(&target), masses)
     }
 
-    /// For each sample the mass of a cell in all tables, each times its weight.
+    /// The weighted mass of a cell for each sample.
     #[inline(always)]
     pub fn masses<const N: usize>(&self, at: &Blends<N>, rows: &[u32; N], columns: &[u32; N]) -> [f32; N] {
         let (starts, weights) = self.rows(at, rows);
@@ -199,7 +206,7 @@ impl CellMasses {
         self.between(&starts, columns, &weights, &self.numbers.load(&ends))
     }
 
-    /// Where rows begin, and what a unit of the running sums along them counts for in each table: its weight times the row's factor.
+    /// The start of each row, and for each table the weight times the row's factor.
     #[inline(always)]
     fn rows<const N: usize>(&self, at: &Blends<N>, rows: &[u32; N]) -> ([u32; N], [[f32; N]; 4]) {
         let (count, stride) = (self.cells.shape().0 as u32, self.cells.shape().1 as u32 + 1);
@@ -232,7 +239,7 @@ impl CellMasses {
         let mut before = self.numbers.load(&place);
         for before in &mut before {
             for k in 0..N {
-                // The first number of a row is no sum.
+                // The first number of a row is its factor, not a sum.
                 before[k] = if columns[k] == 0 { 0.0 } else { before[k] };
             }
         }
@@ -243,20 +250,20 @@ impl CellMasses {
     }
 }
 
-/// What a bisection of running sums finds for each sample.
+/// The result of a bisection of running sums, for each sample.
 struct Found<const N: usize> {
-    /// The first sum that is above the target; the last one where none is.
+    /// Index of the first sum above the target, or of the last sum if there is none.
     index: [u32; N],
-    /// The sum before it, and itself.
+    /// The previous sum, and the sum itself.
     before: [f32; N],
     sum: [f32; N],
-    /// What it is the weighted sum of.
+    /// The terms of the weighted sum.
     numbers: [[f32; N]; 4],
 }
 
 impl<const N: usize> Found<N> {
-    /// Among the `count` weighted sums from `first` on. Products and sums of rounded numbers never decrease where the numbers do not, so the weighted
-    /// sums grow.
+    /// Searches the `count` weighted sums from `first` on. Rounded products and sums are monotonic, so
+    /// the weighted sums do not decrease.
     #[inline(always)]
     fn new<Q: Quads + ?Sized>(
         quads: &Q,
@@ -288,7 +295,7 @@ impl<const N: usize> Found<N> {
         Self { index: place, before, sum, numbers }
     }
 
-    /// Where the target lies between both sums, in `[0, 1)`.
+    /// The position of the target between both sums, in `[0, 1)`.
     #[inline(always)]
     fn inside(&self, target: &[f32; N]) -> [f32; N] {
         let mut inside = [0.0; N];
@@ -301,17 +308,18 @@ impl<const N: usize> Found<N> {
 
 /// The masses of a row in steps of 1/65535 of it.
 ///
-/// All are rounded up, a small one too: where its directions are worth much, a step less would make their weights large. What that is too much is taken
-/// from the largest cells, of which one at least has 1024 steps.
+/// All are rounded up, also small ones: if directions in a small cell have large values, losing a step
+/// would make their weights large. The excess is subtracted from the largest cells, of which at least
+/// one has 1024 steps.
 fn steps_of(masses: &[f64]) -> Vec<u16> {
-    /// Cells of less steps are left alone.
+    /// Cells of fewer steps keep all of them.
     const LARGE: u16 = 512;
     let unit = f64::from(WHOLE) / masses.iter().sum::<f64>();
     let mut steps: Vec<u16> =
         masses.iter().map(|mass| (mass * unit).ceil().clamp(1.0, f64::from(WHOLE)) as u16).collect();
     let mut largest: Vec<usize> = (0..masses.len()).filter(|&cell| steps[cell] >= LARGE).collect();
     largest.sort_by(|&a, &b| masses[b].total_cmp(&masses[a]));
-    // At most one step for each cell, and one for the rounding of the sum.
+    // At most one step per cell, and one for the rounding of the sum.
     let excess = steps.iter().map(|&steps| usize::from(steps)).sum::<usize>().saturating_sub(usize::from(WHOLE));
     for &cell in largest.iter().cycle().take(excess) {
         steps[cell] -= 1;
@@ -319,7 +327,8 @@ fn steps_of(masses: &[f64]) -> Vec<u16> {
     steps
 }
 
-/// The differences are those of integers, and exact: a small cell loses nothing beside large ones.
+/// The weighted mass of a cell. The differences are of integers and exact, so small cells next to large
+/// ones lose no precision.
 #[inline(always)]
 fn mass_between(weights: [f32; 4], before: [f32; 4], after: [f32; 4]) -> f32 {
     let [a, b, c, d] = before;

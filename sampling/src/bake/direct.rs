@@ -1,4 +1,4 @@
-//! The direct bake: the ideal intermediate density of a Lambert surface, tabulated without any training.
+//! The direct bake: the ideal intermediate density of a Lambert surface, tabulated without training.
 
 use crate::parallel::*;
 
@@ -7,14 +7,14 @@ use super::{
 };
 use crate::{error::Result, tail::Tail};
 
-/// The share of its time in which the mean squares are found.
+/// The fraction of the time spent on root mean squares.
 const SQUARES: f64 = 0.05;
 
 /// Tabulates `max(0, n . t(y))` over the cells of Y for every normal of the grid.
 ///
-/// A cell holds the root mean square of the cosine over it, which is the piecewise constant density of least variance
-/// (minimise the integral of g^2 / q under the integral of q = 1), or more where a direction in it would have a large weight (see
-/// [`CellDirections::raise`]).
+/// The mass of a cell is the root mean square of the cosine over it, which gives the piecewise constant
+/// density of least variance (it minimises the integral of g^2 / q subject to an integral of q = 1). It
+/// is larger where a direction in the cell would have a large weight (see [`CellDirections::raise`]).
 ///
 /// # Errors
 /// See [`BakedTable::new`] and [`BakedTable::require_memory`].
@@ -22,7 +22,7 @@ pub fn direct_bake(tail: &Tail, normals: NormalGrid, cells: CellGrid) -> Result<
     direct_bake_watched(tail, normals, cells, &|_| {})
 }
 
-/// [`direct_bake`], of which `watch` is told now and then which share is done, from any thread.
+/// [`direct_bake`] that reports the finished fraction to `watch`, from any thread.
 ///
 /// # Errors
 /// As [`direct_bake`].

@@ -1,4 +1,4 @@
-//! Tabulated intermediate densities: the bake of a head, and the direct bake that needs no training.
+//! Tabulated intermediate densities: the bake of a head, and the direct bake without training.
 //!
 //! | file | concept |
 //! | --- | --- |

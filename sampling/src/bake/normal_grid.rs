@@ -17,7 +17,7 @@ pub struct NormalGrid {
 }
 
 impl NormalGrid {
-    /// A grid of `polar x azimuth` normals.
+    /// Makes a grid of `polar x azimuth` normals.
     ///
     /// # Errors
     /// `polar` must be 2 to 256 and `azimuth` 3 to 512.
@@ -44,10 +44,10 @@ impl NormalGrid {
         latlong::direction(Vec2::new(column as f32 / self.azimuth as f32, row as f32 / (self.polar - 1) as f32))
     }
 
-    /// Where a unit normal lies on the grid: columns and rows, as real numbers.
+    /// The position of a unit normal on the grid: column and row, as real numbers.
     ///
-    /// The angles come from a polynomial of error 1e-5: a weight that is off by 1e-4 changes the table that is interpolated
-    /// by as much, and since drawing and pdf use the same weights, no bias follows.
+    /// The angles come from a polynomial of error 1e-5. Weights may be off by 1e-4, without bias, since
+    /// draws and pdfs use the same weights.
     #[inline(always)]
     pub(super) fn position(&self, [x, y, z]: [f32; 3]) -> Vec2 {
         let azimuth = fast_atan2(x, -z) * (self.azimuth as f32 / TAU);
@@ -69,7 +69,7 @@ impl NormalGrid {
         GridCell { number: (row * columns + column) as u32, across, down }
     }
 
-    /// Number of cells between nodes. A cell has the number of its upper left node.
+    /// Number of cells between nodes. A cell has the index of its upper left node.
     pub(super) fn cells(&self) -> usize {
         (self.polar - 1) * self.azimuth
     }
@@ -80,19 +80,19 @@ impl NormalGrid {
         [cell, next, cell + self.azimuth, next + self.azimuth]
     }
 
-    /// A cell that a node is a corner of, and which.
+    /// A cell that has a node as a corner, and the corner's index.
     pub(super) fn cell_of(&self, node: usize) -> (usize, usize) {
         if node < self.cells() { (node, 0) } else { (node - self.azimuth, 2) }
     }
 }
 
-/// A normal between nodes.
+/// A normal with its interpolation stencil.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Served {
     pub normal: Vec3A,
     nodes: [usize; 4],
     weights: [f32; 4],
-    /// Of the weighted sum of the nodes' normals.
+    /// Length of the weighted sum of the nodes' normals.
     pub length: f32,
 }
 
@@ -104,7 +104,8 @@ impl Served {
 }
 
 impl NormalGrid {
-    /// Normals in all cells of the grid, `side x side` in each from its first corner on, and so nodes among them; those of -Y too.
+    /// Normals in all cells of the grid, `side x side` per cell from its first corner on, which include
+    /// all nodes.
     pub(super) fn between(&self, side: usize) -> Vec<Served> {
         let (down, around) = ((self.polar - 1) * side, self.azimuth * side);
         let served = |row: usize, column: usize| self.served(Vec2::new(column as f32, row as f32) / side as f32);
@@ -120,9 +121,10 @@ impl NormalGrid {
         Served { normal, nodes, weights, length: sum.length() }
     }
 
-    /// For each row of nodes the largest angle, in radians, between a normal in the cells around and the weighted sum of its nodes.
+    /// For each row of nodes, the largest angle in radians between a normal in the adjacent cells and
+    /// the weighted sum of its nodes' normals.
     pub(super) fn reaches(&self) -> Vec<f32> {
-        /// Less than half a turn, so that a cap that is wider by it is none twice.
+        /// Less than pi, so that a cap widened by it does not wrap around.
         const FARTHEST: f32 = 3.0;
         /// Normals along a side of a cell: the angle is smooth, and 0 at the corners.
         const SIDE: usize = 16;
@@ -131,7 +133,7 @@ impl NormalGrid {
             let Served { normal, nodes, weights, .. } =
                 self.served(Vec2::new(0.0, row as f32) + inside.min(Vec2::splat(0.999_999)));
             let sum: Vec3A = nodes.iter().zip(weights).map(|(&node, weight)| weight * self.normal(node)).sum();
-            // Of opposite normals the sum may vanish, and leads nowhere.
+            // The sum of opposite normals may vanish and then has no direction.
             let angle = normal.angle_between(sum);
             if angle < FARTHEST { angle } else { FARTHEST }
         };
@@ -144,7 +146,7 @@ impl NormalGrid {
 /// A cell of the grid and a position in it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct GridCell {
-    /// That of the node at the upper left.
+    /// The index of the upper left node.
     pub number: u32,
     /// Position inside, in `[0, 1]`.
     across: f32,
@@ -152,7 +154,7 @@ pub(super) struct GridCell {
 }
 
 impl GridCell {
-    /// The bilinear weights of upper left, upper right, lower left, lower right.
+    /// The bilinear weights of the upper left, upper right, lower left and lower right nodes.
     #[inline(always)]
     pub fn weights(&self) -> [f32; 4] {
         let (s, t) = (self.across, self.down);
@@ -198,7 +200,7 @@ mod tests {
             assert!((stencil.weights.iter().sum::<f32>() - 1.0).abs() < 1e-6);
             assert!(stencil.weights.iter().all(|weight| *weight >= 0.0));
             let mean: Vec3A = (0..4).map(|k| grid.normal(stencil.nodes[k]) * stencil.weights[k]).sum();
-            // The chord of a 12 degree cell lies at most 1 - cos(8.2 degrees) under the sphere.
+            // The chord of a 12 degree cell lies at most 1 - cos(8.2 degrees) below the sphere.
             assert!(mean.normalize().dot(normal) > 0.999, "{normal}");
         }
     }

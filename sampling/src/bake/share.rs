@@ -1,8 +1,8 @@
-//! How much of a bake is done.
+//! Progress of a bake.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A part of some work, in equal steps that threads do in any order.
+/// The progress of a part of some work, in equal steps that threads finish in any order.
 pub struct Share<'a> {
     watch: &'a (dyn Fn(f64) + Sync),
     from: f64,
@@ -12,12 +12,12 @@ pub struct Share<'a> {
 }
 
 impl<'a> Share<'a> {
-    /// The part of the work between the shares `from` and `to` of it.
+    /// Makes the part of the work between the fractions `from` and `to`.
     pub fn new(watch: &'a (dyn Fn(f64) + Sync), (from, to): (f64, f64), steps: usize) -> Self {
         Self { watch, from, to, steps, done: AtomicUsize::new(0) }
     }
 
-    /// A step is done: every sixteenth time, the watcher is told.
+    /// Counts a finished step; every sixteenth call and the last one report to the watcher.
     pub fn step(&self) {
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         if done.is_multiple_of(16) || done == self.steps {

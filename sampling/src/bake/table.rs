@@ -1,4 +1,4 @@
-//! A table of intermediate densities over a grid of normals, interpolated between normals.
+//! A table of intermediate densities, interpolated over a grid of normals.
 
 use crate::parallel::*;
 use glam::{Vec2, Vec3A};
@@ -19,36 +19,38 @@ use crate::{
     tile::Rows,
 };
 
-/// Share of every node's mass that is spread evenly over Y. A cell whose sampled points see no light may still hold a
-/// direction that does; without this floor its energy would be lost.
+/// Fraction of every node's mass that is spread evenly over Y. A cell whose sampled points see no light
+/// may still contain a direction that does; without this floor its energy would be lost.
 const FLOOR: f32 = 2e-3;
 
-/// Bytes that a mass takes at most while a table is made: itself, as a double with its floor, as an integer, and as one of each of four cells around its
-/// node, twice while they are put into place.
+/// Maximum bytes per mass while a table is made: the mass itself, a double with the floor, an integer,
+/// and copies for each of the four cells around the node, twice while they are moved into place.
 const BYTES_PER_MASS: u64 = 32;
 
 /// Piecewise constant masses over the cells of Y for every normal of a grid.
 ///
-/// Between normals the *masses* are interpolated bilinearly. A sample inverts the interpolated table, whose running sums are
-/// the weighted sums of those of the four nodes around the normal: first the rows by `z.y`, then the columns of the row by `z.x`. Each
-/// coordinate of y grows with its own of z, so strata of z stay strata of y. Because `max(0, n . w)` is convex in `n`, the interpolated table of a
-/// cosine is nowhere much below the cosine, so weights stay bounded.
+/// Between normals the *masses* are interpolated bilinearly. A sample inverts the interpolated table,
+/// whose running sums are the weighted sums of those of the four nodes around the normal: first the
+/// rows by `z.y`, then the columns of the row by `z.x`. Each coordinate of y is monotonic in the same
+/// coordinate of z, so stratification is preserved. Because `max(0, n . w)` is convex in `n`, the
+/// interpolated table of a cosine is nowhere much below the cosine, so weights are bounded.
 #[derive(Clone, Debug)]
 pub struct BakedTable {
     normals: NormalGrid,
     pub(super) cells: CellGrid,
-    /// Masses, floor not included: `[nodes, rows, columns]`; what a file holds.
+    /// Masses without the floor, as stored in files: `[nodes, rows, columns]`.
     masses: Vec<f32>,
-    /// The same, floor included, as integers; what is drawn from and what the pdf is made of.
+    /// Masses with the floor, as integers, for draws and pdfs.
     pub(super) quantized: CellMasses,
 }
 
 impl BakedTable {
-    /// Makes a table of masses `[nodes, rows, columns]`, which are relative to each other across nodes too: a node's share in
-    /// an interpolated table is its weight times its mass.
+    /// Makes a table of masses `[nodes, rows, columns]`, whose scale is common to all nodes: a node
+    /// contributes its weight times its mass to an interpolated table. A node without mass becomes
+    /// uniform.
     ///
     /// # Errors
-    /// The size does not fit, or a mass is negative or not finite. A node without any mass becomes uniform.
+    /// The size does not match, or a mass is negative, above 1e30 or not a number.
     pub fn new(normals: NormalGrid, cells: CellGrid, masses: Vec<f32>) -> Result<Self> {
         if masses.len() != normals.nodes() * cells.cells() {
             let reason = format!("{} values do not fill {normals:?} of {cells:?}", masses.len());
@@ -65,7 +67,7 @@ impl BakedTable {
         let mut with_floor = Vec::with_capacity(masses.len());
         for node in masses.chunks_exact(cells.cells()) {
             let total = scale * node.iter().map(|&mass| f64::from(mass)).sum::<f64>();
-            // A node that sees no light at all still needs a distribution; a tiny one lets its neighbours decide.
+            // A node without light still needs a distribution; its tiny mass lets its neighbours dominate.
             let floor = f64::from(FLOOR) * total.max(1e-6) / cells.cells() as f64;
             with_floor.extend(node.iter().map(|&mass| scale * f64::from(mass) + floor));
         }
@@ -73,7 +75,7 @@ impl BakedTable {
         Ok(Self { normals, cells, masses, quantized })
     }
 
-    /// Refuses a table that needs more memory to be made than there is.
+    /// Rejects a table whose construction needs more memory than is available.
     ///
     /// # Errors
     /// As [`memory::require`].
@@ -102,9 +104,10 @@ impl BakedTable {
         self.cells
     }
 
-    /// What a draw and a pdf read, floor included, for implementations on other devices: `table.along` `[nodes, rows, columns]`, the running masses of each
-    /// row up to the ends of its cells, `table.masses`, those of the cells alone, and `table.down` `[nodes, rows]`, the running masses of the rows; `table.shape` `[4]`: polar, azimuth, rows,
-    /// columns.
+    /// The arrays that draws and pdfs read, floor included, for implementations on other devices:
+    /// `table.along` `[nodes, rows, columns]`, the running masses of each row up to the ends of its
+    /// cells; `table.masses`, of the same shape, the masses of the cells; `table.down` `[nodes, rows]`,
+    /// the running masses of the rows; and `table.shape` `[4]`: polar, azimuth, rows, columns.
     pub fn flat(&self) -> Vec<FlatArray> {
         let ((polar, azimuth), (rows, columns)) = (self.normals.shape(), self.cells.shape());
         let [along, own, down] = self.quantized.running_masses();
@@ -126,7 +129,7 @@ impl BakedTable {
         &self.masses
     }
 
-    /// Draws `(y, density over Y)` for each uniform `z`, at one unit normal.
+    /// Draws `(y, density over Y)` for each uniform `z`, for one unit normal.
     pub fn sample_at(&self, normal: Vec3A, z: &[Vec2]) -> Vec<(Vec2, f32)> {
         let state = self.state_of(normal);
         let draw = |z: &Vec2| {
@@ -138,7 +141,7 @@ impl BakedTable {
         z.iter().map(draw).collect()
     }
 
-    /// The densities over Y at points `y`, at one unit normal.
+    /// Evaluates the densities over Y at points `y`, for one unit normal.
     pub fn density_at(&self, normal: Vec3A, y: &[Vec2]) -> Vec<f32> {
         let state = self.state_of(normal);
         let density = |y: &Vec2| {
@@ -156,15 +159,15 @@ impl BakedTable {
     }
 }
 
-/// State of a shading point: the number of the cell of the grid of normals that its normal lies in (as bits), the weights of the nodes around times their
-/// scales, and the sum of weight times mass.
+/// Columns of a shading point's state: the index (as bits) of its cell of the grid of normals, the
+/// weights of the four nodes times their scales, and the sum of weight times mass.
 pub(super) const COLUMNS: usize = 6;
 pub(super) const CELL: usize = 0;
 pub(super) const WEIGHTS: usize = 1;
 const TOTAL: usize = 5;
 
 vectorized! {
-    /// One strip of normals.
+    /// Fills the state for one strip of normals.
     pub(super) fn prepare['a](_simd, table: &'a BakedTable, normals: &'a [Lanes; 3], state: &'a mut [Lanes]) {
         let grid = &table.normals;
         let (mut azimuths, mut polars) = ([0.0; LANES], [0.0; LANES]);
@@ -189,7 +192,7 @@ vectorized! {
     }
 }
 
-/// The four tables of the samples below `count` of some strips, whose numbers are `N`; those of the others are any.
+/// The blends of `N` samples; those from `count` on are arbitrary.
 #[inline(always)]
 fn blends_of<const N: usize>(state: &[Lanes], count: usize) -> Blends<N> {
     let (mut cells, mut weights) = ([0; N], [[0.0; N]; 4]);
@@ -205,14 +208,14 @@ fn blends_of<const N: usize>(state: &[Lanes], count: usize) -> Blends<N> {
     Blends { cells, weights }
 }
 
-/// A position in a row or column of cells, below the next one even where the sum is rounded.
+/// `index + position`, kept below `index + 1` even after rounding.
 #[inline(always)]
 pub(super) fn inside(index: usize, position: f32) -> f32 {
     let (index, end) = (index as i32 as f32, (index + 1) as i32 as f32 * BELOW_ONE);
     if index + position < end { index + position } else { end }
 }
 
-/// The interpolated densities from the interpolated masses of cells.
+/// Converts interpolated masses of cells to densities.
 #[inline(always)]
 fn densities(table: &BakedTable, masses: &[f32], state: &[Lanes], out: &mut [Lanes]) {
     let unit = table.cells.cells() as f32 / CellMasses::ROW;
@@ -224,7 +227,7 @@ fn densities(table: &BakedTable, masses: &[f32], state: &[Lanes], out: &mut [Lan
     }
 }
 
-/// Draws for `N` samples, whole strips.
+/// Draws `N` samples, in whole strips.
 #[inline(always)]
 fn sample_strips<const N: usize>(
     table: &BakedTable,
@@ -256,7 +259,7 @@ fn sample_strips<const N: usize>(
 }
 
 vectorized! {
-    /// Lanes from `count` on are not drawn for: their state may be anything.
+    /// Draws samples. Lanes from `count` on are not drawn: their state may be arbitrary.
     fn sample['a](
         _simd, table: &'a BakedTable, count: usize, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],

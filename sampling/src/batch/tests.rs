@@ -21,7 +21,7 @@ fn directions(count: usize, seed: u64) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn a_list_gets_what_each_of_its_points_gets_alone() {
+fn list_draws_equal_draws_of_single_points() {
     let (map, sampler) = patches();
     // More than two tiles, the last one not full.
     let count = 2 * TILE + 37;
@@ -40,13 +40,13 @@ fn a_list_gets_what_each_of_its_points_gets_alone() {
         let alone = AtPoint::new(&*sampler, &at.point(k).unwrap()).sample(Vec2::from_array(u[k])).unwrap();
         assert_eq!((alone.wi.to_array(), alone.pdf), (wi[k], pdfs[k]), "{k}");
         assert_eq!(map.radiance(alone.wi).to_array(), light[k]);
-        // The same formula by another way: the rounding of the direction, which narrow patches amplify.
+        // The pdf of the rounded direction differs, which narrow patches amplify.
         assert!((again[k] / pdfs[k] - 1.0).abs() < 1e-2, "{k}: {} {}", again[k], pdfs[k]);
     }
 }
 
 #[test]
-fn numbers_of_a_seed_depend_on_the_place_alone() {
+fn seeded_numbers_depend_only_on_seed_and_index() {
     let (_, sampler) = patches();
     let at = PointList { n: &[[0.0, 1.0, 0.0]], wo: &[], surface: SurfaceList::Diffuse };
     let draw = |count: usize, seed: u64| {
@@ -61,7 +61,7 @@ fn numbers_of_a_seed_depend_on_the_place_alone() {
 }
 
 #[test]
-fn mistakes_are_named_with_the_first_row() {
+fn errors_name_the_first_invalid_row() {
     let (map, sampler) = patches();
     let count = 3 * TILE;
     let good = vec![[0.0, 1.0, 0.0]; count];

@@ -1,11 +1,13 @@
 //! Rough mirrors: microfacets with the Trowbridge-Reitz (GGX) distribution of normals.
 //!
-//! With `m` the half vector of `wo` and `wi`, `f_r = F(wo . m) D(m) G2(wo, wi) / (4 (n . wo) (n . wi))` (Walter et al. 2007):
-//! `D` of Trowbridge and Reitz, `G2` the height-correlated masking-shadowing of Smith (Heitz 2014, eq. 99), `F` of Schlick (1994).
+//! With `m` the half vector of `wo` and `wi`, `f_r = F(wo . m) D(m) G2(wo, wi) / (4 (n . wo) (n . wi))`
+//! (Walter et al. 2007): `D` of Trowbridge and Reitz, `G2` the height-correlated masking-shadowing of
+//! Smith (Heitz 2014, eq. 99), `F` of Schlick (1994).
 //!
-//! Nothing is computed as a difference of nearly equal numbers. Squares of sines come from cross products, and each quotient is
-//! reduced until no cosine is left in a denominator. With `|w|_a = sqrt((n . w)^2 + alpha^2 |n x w|^2)`, the length of a unit
-//! vector whose tangential part is scaled by `alpha`:
+//! No value is a difference of nearly equal numbers. Squared sines come from cross products, and
+//! quotients are reduced until no cosine remains in a denominator. With
+//! `|w|_a = sqrt((n . w)^2 + alpha^2 |n x w|^2)`, the length of a unit vector whose tangential part is
+//! scaled by `alpha`:
 //!
 //! - `D = alpha^2 / (pi |m|_a^4)`
 //! - `G1(w) / (n . w) = 2 / (n . w + |w|_a)`
@@ -18,8 +20,8 @@ use glam::{Vec2, Vec3};
 use super::{Kernel, Lobes, MAX_PARAMETERS, luminance};
 use crate::{frame::Frame, simd};
 
-/// The Trowbridge-Reitz BRDF of isotropic roughness. Light that would be reflected more than once is lost, so even with `f0 = 1`
-/// rough surfaces are not white. Parameters: alpha, f0.
+/// The isotropic Trowbridge-Reitz BRDF. It has no multiple scattering, so even with `f0 = 1` rough
+/// surfaces are not white. Parameters: alpha, f0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ggx {
     alpha: f32,
@@ -27,18 +29,18 @@ pub struct Ggx {
 }
 
 impl Ggx {
-    /// The smallest width: at a tenth of it, rounding of directions (1e-7) is seen in the shape of the lobe.
+    /// The smallest width: at 10 % of it, rounding of directions (1e-7) distorts the lobe.
     pub const MIN_ALPHA: f32 = 1e-3;
 
-    /// The BRDF of width `alpha`, brought into `MIN_ALPHA..=1`, and reflectance `f0` per channel at normal incidence, brought
-    /// into `0..=1`. `f0 = 1` reflects everything at every angle: F = 1 exactly.
+    /// Makes the BRDF of width `alpha`, clamped to `MIN_ALPHA..=1`, and reflectance `f0` per channel at
+    /// normal incidence, clamped to `0..=1`. With `f0 = 1`, F is exactly 1 at every angle.
     pub fn new(alpha: f32, f0: Vec3) -> Self {
         // `max` turns NaN into a number, which `clamp` alone would not.
         let alpha = alpha.max(Self::MIN_ALPHA).clamp(Self::MIN_ALPHA, 1.0);
         Self { alpha, f0: f0.max(Vec3::ZERO).min(Vec3::ONE) }
     }
 
-    /// The BRDF of numbers that are known to be in range.
+    /// Makes the BRDF of parameters that are in range.
     #[inline(always)]
     pub(super) fn of(alpha: f32, f0: Vec3) -> Self {
         Self { alpha, f0 }
@@ -55,9 +57,9 @@ impl Ggx {
     pub fn lobe_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
         let above = (cos_o > 0.0) & (cos_i > 0.0);
-        // Below the horizon any numbers will do.
+        // Below the horizon the value is discarded; 1 avoids divisions by 0.
         let (cos_o, cos_i) = (if above { cos_o } else { 1.0 }, if above { cos_i } else { 1.0 });
-        // D G2 / (4 cos_o), with the cosine of wi moved to where its smallness makes the value 0 and not 0 / 0.
+        // D G2 / (4 cos_o), with the cosine of wi placed where a tiny one gives 0 instead of 0 / 0.
         let shadowing = cos_o * (self.scaled_length(n, wi, cos_i) / cos_i) + self.scaled_length(n, wo, cos_o);
         let value = self.normal_density(n, wo + wi) / (2.0 * shadowing);
         if above { value } else { 0.0 }
@@ -76,17 +78,19 @@ impl Ggx {
         let squared_alpha = self.alpha * self.alpha;
         let (cos, tangential) = (n.dot(h), n.cross(h));
         let (sin_squared, cos_squared) = (tangential.dot(tangential), cos * cos);
-        // |h|^2 / |h|_a^2 is in 1 ..= 1 / alpha^2. Below: wo = -wi in the horizon, where both squares underflow.
+        // |h|^2 / |h|_a^2 is in 1 ..= 1 / alpha^2, except for wo = -wi at the horizon: both squares underflow.
         let scaled = sin_squared + squared_alpha * cos_squared;
         let scaled = if scaled > f32::MIN_POSITIVE { scaled } else { f32::MIN_POSITIVE };
         let ratio = (sin_squared + cos_squared) / scaled;
         FRAC_1_PI * squared_alpha * ratio * ratio
     }
 
-    /// A microfacet normal in proportion to `D(m) max(0, wo . m)`, in the local frame, with `wo` above the horizon.
+    /// Draws a microfacet normal in proportion to `D(m) max(0, wo . m)`, in the local frame, with `wo`
+    /// above the horizon.
     ///
-    /// Scaled to `alpha` = 1, microfacets form a hemisphere, and those that `wo` sees reflect it uniformly into a spherical cap
-    /// (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with Spherical Caps").
+    /// Scaled to `alpha` = 1, microfacets form a hemisphere, and those visible from `wo` reflect it
+    /// uniformly into a spherical cap (Dupuy and Benyoub 2023, "Sampling Visible GGX Normals with
+    /// Spherical Caps").
     #[inline(always)]
     fn visible_normal(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let scale = Vec3::new(self.alpha, self.alpha, 1.0);
@@ -124,7 +128,8 @@ impl Kernel for Ggx {
         schlick(self.f0, half_angle_cosine(wo, wi)) * self.lobe_cosine(n, wo, wi)
     }
 
-    /// Draws a microfacet in proportion to what `wo` sees of it and reflects `wo` at it; no sample where `wi` is below the horizon.
+    /// Draws a visible microfacet normal and reflects `wo` about it; no sample where `wi` is below the
+    /// horizon.
     ///
     /// `lobe_cosine / pdf = G2 / G1` is at most 1.
     #[inline(always)]
@@ -137,8 +142,9 @@ impl Kernel for Ggx {
 
     /// `G1(wo) D(m) / (4 n . wo)`; 0 below the horizon.
     ///
-    /// It integrates to 1 less the share of visible microfacets that reflect `wo` to below the horizon. At normal incidence that is
-    /// 0.003, 0.04, 0.14 and 0.5 for `alpha` = 0.05, 0.2, 0.4 and 1; at grazing angles it tends to 0.
+    /// It integrates to 1 minus the fraction of visible microfacets that reflect `wo` to below the
+    /// horizon. At normal incidence that is 0.003, 0.04, 0.14 and 0.5 for `alpha` = 0.05, 0.2, 0.4 and
+    /// 1; at grazing angles it tends to 0.
     #[inline(always)]
     fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         let cos_o = n.dot(wo);
@@ -200,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn widths_and_reflectances_are_brought_into_their_range() {
+    fn parameters_are_clamped() {
         assert_eq!(Ggx::new(0.0, Vec3::ONE).alpha(), Ggx::MIN_ALPHA);
         assert_eq!(Ggx::new(f32::NAN, Vec3::ONE).alpha(), Ggx::MIN_ALPHA);
         assert_eq!(Ggx::new(3.0, Vec3::ONE).alpha(), 1.0);
@@ -221,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn light_may_run_either_way() {
+    fn values_are_reciprocal() {
         let mut random = Stream::new(2, Purpose::Test, 0);
         for _ in 0..10_000 {
             let normal = Vec3::from(random.direction());
@@ -230,13 +236,13 @@ mod tests {
             let ggx = Ggx::new(random.uniform(), Vec3::new(0.04, 0.5, 1.0));
             let there = ggx.evaluate_cosine(normal, wo, wi) * normal.dot(wo);
             let back = ggx.evaluate_cosine(normal, wi, wo) * normal.dot(wi);
-            // Some ten roundings on either way.
+            // About ten roundings in each direction.
             assert!((there - back).abs().max_element() <= 2e-6 * there.max_element(), "{ggx:?} {there} {back}");
         }
     }
 
     #[test]
-    fn below_the_horizon_there_is_nothing() {
+    fn values_and_pdfs_below_the_horizon_are_zero() {
         let ggx = Ggx::new(0.3, Vec3::ONE);
         let (up, down) = (Vec3::new(0.6, 0.8, 0.0), Vec3::new(0.6, -0.8, 0.0));
         for (wo, wi) in [(up, down), (down, up), (down, down), (Vec3::X, up), (up, Vec3::X)] {
@@ -247,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn extreme_directions_and_widths_give_numbers() {
+    fn extreme_directions_and_widths_give_finite_values() {
         let cosines = [1.0, 0.5, 1e-2, 1e-4, 1e-7, 1e-20, 1e-38, 1e-44];
         let vector = |cos: f32, phi: f32| Vec3::new(phi.cos(), cos, phi.sin()).normalize();
         let corners = [0.0, 1e-7, 0.25, 0.5, 1.0 - 1.0 / 16_777_216.0];
@@ -287,7 +293,7 @@ mod tests {
                 continue;
             }
             let weight = ggx.lobe_cosine(normal, wo, wi) / pdf;
-            // |wi|_a >= n . wi makes the quotient at most 1 but for a few roundings.
+            // |wi|_a >= n . wi makes the quotient at most 1, up to rounding.
             assert!(weight <= 1.0 + 1e-6, "{ggx:?} {wo} {wi}: {weight}");
         }
     }

@@ -55,14 +55,14 @@ impl Kernel for Lambert {
         1.0
     }
 
-    /// A black surface is drawn for too: its pdfs are those of any other.
+    /// The diffuse lobe has weight 1 even for black surfaces, which are sampled like others.
     #[inline(always)]
     fn lobes(&self, _cos_o: f32) -> Lobes {
         Lobes { diffuse: 1.0, specular: 0.0, f0: 0.0, alpha: 1.0 }
     }
 }
 
-/// The area-preserving map from the unit square to the unit disk (Shirley and Chiu 1997).
+/// Maps the unit square to the unit disk, preserving area (Shirley and Chiu 1997).
 #[inline(always)]
 fn concentric_disk(u: Vec2) -> Vec2 {
     let (x, y) = (2.0 * u.x - 1.0, 2.0 * u.y - 1.0);

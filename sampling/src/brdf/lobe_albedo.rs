@@ -6,13 +6,15 @@ use glam::{Vec2, Vec3};
 
 use super::{Ggx, Kernel, ggx::schlick_weight};
 
-/// Nodes along the roots of the cosine and of `alpha`: both crowd where the albedo bends, at grazing angles and for mirrors.
+/// Nodes along the square roots of the cosine and of `alpha`, dense where the albedo is curved: at
+/// grazing angles and for near mirrors.
 const NODES: usize = 64;
-/// Microfacets along a side of the square that each node is integrated over. Their weights are at most 1 and smooth but for the
-/// horizon, where a row of points is in doubt: 1/64 of the lost share at worst, some 1e-3.
+/// Points along a side of the square over which each node is integrated. Weights are at most 1 and
+/// smooth except at the horizon, where a row of points is uncertain: an error of at most 1/64 of the
+/// lost fraction, about 1e-3.
 const POINTS: usize = 32;
 
-/// The directional albedo of a lobe, split so that any `f0` can be put in: `f0 full + (1 - f0) grazing`.
+/// The directional albedo of a lobe as a function of `f0`: `f0 full + (1 - f0) grazing`.
 #[derive(Clone, Copy, Debug, Default)]
 struct Split {
     /// With F = 1.
@@ -36,17 +38,17 @@ impl Split {
     }
 }
 
-/// Albedos of one `alpha` by the cosine, and their mean over the hemisphere.
+/// Albedos of one `alpha` at cosine nodes, and their mean over the hemisphere.
 #[derive(Clone, Copy, Debug)]
 struct Row {
     nodes: [Split; NODES],
     mean: Split,
 }
 
-/// By the root of `alpha`; computed on first use, almost a second of one core.
+/// Rows by the square root of `alpha`; computed on first use, which takes almost 1 s on one core.
 static TABLE: LazyLock<[Row; NODES]> = LazyLock::new(|| std::array::from_fn(|i| Row::new(square_of_node(i))));
 
-/// Computes the table, if that is still to be done: so that no first pixel waits for it.
+/// Computes the table unless that is done, so that the first pixel does not wait for it.
 pub fn tabulate() {
     LazyLock::force(&TABLE);
 }
@@ -54,7 +56,7 @@ pub fn tabulate() {
 /// The albedos of the lobe of one `alpha`, linear between the nodes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LobeAlbedo {
-    /// The node below `alpha`, and how far `alpha` is on the way to the next one.
+    /// The node below `alpha`, and the fractional position of `alpha` between it and the next one.
     row: usize,
     t: f32,
 }
@@ -66,7 +68,7 @@ impl LobeAlbedo {
         Self { row, t }
     }
 
-    /// The share of light that the lobe reflects in all directions, at a cosine of the incident one.
+    /// The fraction of light that the lobe reflects into all directions, for a cosine of incidence.
     #[inline(always)]
     pub fn at(self, cos: f32, f0: f32) -> f32 {
         let (k, s) = position(cos);
@@ -74,7 +76,7 @@ impl LobeAlbedo {
         near[k].lerp(near[k + 1], s).lerp(far[k].lerp(far[k + 1], s), self.t).albedo(f0)
     }
 
-    /// The cosine-weighted mean of [`Self::at`] over the hemisphere: exactly that of the interpolated values.
+    /// The cosine-weighted mean of [`Self::at`] over the hemisphere, exact for the interpolated values.
     #[inline(always)]
     pub fn mean(self, f0: f32) -> f32 {
         TABLE[self.row].mean.lerp(TABLE[self.row + 1].mean, self.t).albedo(f0)
@@ -97,7 +99,7 @@ fn position(value: f32) -> (usize, f32) {
 impl Row {
     fn new(alpha: f32) -> Self {
         let lobe = Ggx::new(alpha, Vec3::ONE);
-        // In the horizon itself nothing is seen; its node stands for the limit.
+        // At the horizon the albedo is undefined; its node holds the limit.
         let nodes = std::array::from_fn(|node| integrate(&lobe, square_of_node(node).max(1e-4)));
         // The mean is the integral of 2 cos d cos = 4 r^3 dr over r, the root of the cosine.
         let mean = |of: fn(&Split) -> f32| -> f32 {
@@ -165,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn means_are_those_of_the_interpolated_values() {
+    fn means_match_quadrature_of_the_interpolated_values() {
         for alpha in [0.003, 0.07, 0.5, 0.93] {
             let albedo = LobeAlbedo::new(alpha);
             let points = 100_000;

@@ -1,11 +1,12 @@
 //! The metallic-roughness material of glTF 2.0: a diffuse lobe below a specular one.
 //!
-//! After appendix B.3 of the specification: `alpha` is the square of the roughness, `f0` goes from 0.04 (dielectrics) to the base
-//! colour (metals), and the diffuse colour is the base colour times `1 - metallic`. One thing differs. The appendix lets the
-//! diffuse lobe have what Fresnel's term leaves at the half vector, so that at grazing angles both lobes reflect nearly
-//! everything, together up to 1.9 times the light that arrives. Here it has what the specular lobe leaves over all directions, at `wo`
-//! and at `wi` (Kelemen and Szirmay-Kalos 2001): reciprocal, a white dielectric reflects 99.4 %, and nothing reflects more than
-//! it receives.
+//! As in appendix B.3 of the specification, `alpha` is the square of the roughness, `f0` goes from 0.04
+//! (dielectrics) to the base colour (metals), and the diffuse colour is the base colour times
+//! `1 - metallic`. One thing differs. The appendix scales the diffuse lobe by 1 minus the Fresnel term
+//! at the half vector, so that at grazing angles both lobes reflect nearly everything, together up to
+//! 1.9 times the incident light. Here it is scaled by 1 minus the specular lobe's directional albedo,
+//! at `wo` and at `wi` (Kelemen and Szirmay-Kalos 2001). This is reciprocal and conserves energy; a
+//! white dielectric reflects 99.4 %.
 
 use glam::{Vec2, Vec3};
 
@@ -15,14 +16,16 @@ use crate::discrete::BELOW_ONE;
 /// Reflectance of dielectrics at normal incidence: an index of refraction of 1.5.
 const DIELECTRIC_F0: f32 = 0.04;
 
-/// Each lobe is drawn from with at least this probability where both reflect: their albedos say nothing of where the light is.
+/// The least selection probability of each lobe where both reflect: albedos do not account for the
+/// light's direction.
 const LEAST_SHARE: f32 = 0.1;
 
-/// Added to the albedo of the specular lobe: it is interpolated, and off by up to 0.005 where near mirrors are seen at grazing angles.
+/// Added to the albedo of the specular lobe: interpolation is off by up to 0.005 for near mirrors at
+/// grazing angles.
 const MARGIN: f32 = 0.006;
 
-/// A mixture of a diffuse and a specular lobe, drawn from by one-sample MIS with the exact pdf of the mixture. Parameters: base colour,
-/// metalness, roughness.
+/// A mixture of a diffuse and a specular lobe, sampled by one-sample MIS with the exact pdf of the
+/// mixture. Parameters: base colour, metalness, roughness.
 #[derive(Clone, Copy, Debug)]
 pub struct MetallicRoughness {
     base_color: Vec3,
@@ -34,7 +37,7 @@ pub struct MetallicRoughness {
 }
 
 impl MetallicRoughness {
-    /// The BRDF of a base colour per channel, a metalness and a roughness, all brought into `[0, 1]`.
+    /// Makes the BRDF of a base colour per channel, a metalness and a roughness, all clamped to `[0, 1]`.
     pub fn new(base_color: Vec3, metallic: f32, roughness: f32) -> Self {
         // `max` turns NaN into a number, which `clamp` alone would not.
         let unit = |value: f32| value.max(0.0).clamp(0.0, 1.0);
@@ -60,20 +63,20 @@ impl MetallicRoughness {
         self.metallic
     }
 
-    /// Roughness, the root of `alpha`.
+    /// Roughness, the square root of `alpha`.
     pub fn roughness(&self) -> f32 {
         self.roughness
     }
 
-    /// What the specular lobe of a dielectric leaves of the light at a cosine.
+    /// The fraction of light that a dielectric's specular lobe does not reflect, at a cosine.
     #[inline(always)]
     fn left(&self, cos: f32) -> f32 {
         let left = 1.0 - MARGIN - self.albedo.at(cos, DIELECTRIC_F0);
         if left > 0.0 { left } else { 0.0 }
     }
 
-    /// The probability of the specular lobe: its share of the luminance that both reflect under a white sky, between
-    /// [`LEAST_SHARE`] and 1 less that; 1 where the diffuse lobe is black.
+    /// The selection probability of the specular lobe: its fraction of the luminance that both reflect
+    /// under a white sky, between [`LEAST_SHARE`] and 1 minus that; 1 where the diffuse lobe is black.
     #[inline(always)]
     fn specular_share(&self, cos_o: f32) -> f32 {
         let diffuse = luminance(self.diffuse.albedo) * self.left(cos_o);
@@ -104,7 +107,7 @@ impl Kernel for MetallicRoughness {
         parameters
     }
 
-    /// Both lobes; zero where either direction is below the horizon.
+    /// The sum of both lobes; zero where either direction is below the horizon.
     #[inline(always)]
     fn evaluate_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> Vec3 {
         let (cos_o, cos_i) = (n.dot(wo), n.dot(wi));
@@ -114,12 +117,13 @@ impl Kernel for MetallicRoughness {
         self.diffuse.evaluate_cosine(n, wo, wi) * left + self.specular.evaluate_cosine(n, wo, wi)
     }
 
-    /// Draws from one of the lobes, chosen by `u.x`; no sample where the specular lobe reflects to below the horizon.
+    /// Draws from one of the lobes, chosen by `u.x`; no sample where the specular lobe reflects to
+    /// below the horizon.
     #[inline(always)]
     fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
         let share = self.specular_share(n.dot(wo));
         let is_specular = u.x < share;
-        // Either branch stretches its part of u.x to the whole interval; a quotient of the second may round up to 1.
+        // Stretches the chosen part of u.x to the whole interval; the second quotient may round up to 1.
         let x = if is_specular { u.x / share } else { (u.x - share) / (1.0 - share) };
         let stretched = Vec2::new(if x < BELOW_ONE { x } else { BELOW_ONE }, u.y);
         let (specular, _) = self.specular.sample(n, wo, stretched);
@@ -129,7 +133,7 @@ impl Kernel for MetallicRoughness {
         (wi, self.pdf(n, wo, wi))
     }
 
-    /// It integrates to 1 less what the specular lobe's loses below the horizon, times that lobe's share.
+    /// It integrates to 1 minus the specular lobe's selection probability times its loss below the horizon.
     #[inline(always)]
     fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         let cos_o = n.dot(wo);
@@ -167,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn light_may_run_either_way() {
+    fn values_are_reciprocal() {
         let mut random = Stream::new(2, Purpose::Test, 0);
         for _ in 0..10_000 {
             let (brdf, normal, wo, wi) = anything(&mut random);
@@ -190,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn both_lobes_are_drawn_from_wherever_both_reflect() {
+    fn both_lobes_are_sampled_wherever_both_reflect() {
         for metallic in [0.0, 0.5, 0.9999] {
             for color in [1e-6, 0.5, 1.0] {
                 for cos in [1e-3, 0.1, 1.0] {
@@ -202,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn extreme_parameters_and_points_give_numbers() {
+    fn extreme_parameters_and_directions_give_finite_values() {
         let corners = [0.0, 1e-7, 0.1, 0.5, 0.9, BELOW_ONE];
         for color in [f32::NAN, 0.0, 1.0, f32::INFINITY] {
             for metallic in [f32::NAN, 0.0, 0.3, 1.0] {

@@ -1,11 +1,11 @@
-//! BRDFs. Each is a kernel for one sample ([`Kernel`]), written once; over columns of samples it runs in SIMD lanes ([`Brdf`]).
+//! BRDFs. A [`Kernel`] evaluates one sample; [`Brdf`] runs it over columns of samples in SIMD lanes.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `mod.rs` | the traits `Kernel` (one sample) and `Brdf` (columns), the table of BRDFs |
 //! | `lambert.rs`, `ggx.rs`, `metallic_roughness.rs` | analytic BRDFs |
-//! | `lobe_albedo.rs` | the tabulated albedo by which two lobes divide the light |
-//! | `lobe_mixture/` | BRDF sampling fitted to a BRDF that has none of its own |
+//! | `lobe_albedo.rs` | the tabulated albedo of the specular lobe |
+//! | `lobe_mixture/` | fitted BRDF sampling, for BRDFs without their own |
 //! | `neural/` | measured materials as networks |
 //! | `neural_texture/` | neural materials over a surface |
 
@@ -34,42 +34,42 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Numbers that say what a measured BRDF is like.
+/// Numbers that describe a measured BRDF.
 pub const LATENTS: usize = 6;
 
-/// Most numbers that a head sees of a material: features of a neural one, a tangent, and the handedness.
+/// Numbers of a textured material that a head reads: features, a tangent, and the handedness.
 pub const OF_MATERIAL: usize = neural_texture::FEATURES + 4;
 
-/// Most parameters of a BRDF.
+/// Maximum number of parameters of a BRDF.
 pub const MAX_PARAMETERS: usize = 11;
 
-/// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and of calls, so that a loop over them
-/// becomes SIMD instructions.
+/// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and
+/// calls, so that loops over them are vectorized.
 ///
 /// Directions are unit vectors that point away from the surface; `n` is the shading normal.
 pub trait Kernel: Copy + fmt::Debug + Send + Sync + 'static {
-    /// How many parameters, at most [`MAX_PARAMETERS`].
+    /// Number of parameters, at most [`MAX_PARAMETERS`].
     const PARAMETERS: usize;
 
-    /// The BRDF of its parameters.
+    /// Makes the BRDF of its parameters.
     fn of_parameters(parameters: &[f32; MAX_PARAMETERS]) -> Self;
 
-    /// The parameters; zeros follow.
+    /// The parameters, followed by zeros.
     fn parameters(&self) -> [f32; MAX_PARAMETERS];
 
     /// `f_r(wo, wi) max(0, n . wi)` per channel, in 1/sr.
     fn evaluate_cosine(&self, n: Vec3, wo: Vec3, wi: Vec3) -> Vec3;
 
-    /// Draws a direction in proportion to (a close approximation of) `f_r cos`: `(wi, solid-angle pdf)`; pdf 0 is no sample.
+    /// Draws a direction from an approximation of `f_r cos`: `(wi, solid-angle pdf)`; pdf 0 means no sample.
     fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32);
 
     /// The solid-angle pdf of [`Self::sample`].
     fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32;
 
-    /// The Trowbridge-Reitz width of the narrowest lobe, 1 for a diffuse surface.
+    /// The Trowbridge-Reitz width of the narrowest lobe; 1 for a diffuse surface.
     fn alpha(&self) -> f32;
 
-    /// What it is near to, for samplers that work in closed form, with `n . wo`.
+    /// The approximation by two lobes at `cos_o = n . wo`, for samplers in closed form.
     fn lobes(&self, cos_o: f32) -> Lobes;
 }
 
@@ -78,11 +78,11 @@ pub trait Kernel: Copy + fmt::Debug + Send + Sync + 'static {
 pub struct Lobes {
     /// Luminance of the diffuse reflectance.
     pub diffuse: f32,
-    /// Weight of the Trowbridge-Reitz lobe; 0 where there is none.
+    /// Weight of the Trowbridge-Reitz lobe; 0 if there is none.
     pub specular: f32,
-    /// Luminance of its reflectance at normal incidence.
+    /// Luminance of that lobe's reflectance at normal incidence.
     pub f0: f32,
-    /// Its width.
+    /// Width of that lobe.
     pub alpha: f32,
 }
 
@@ -92,21 +92,21 @@ fn luminance(c: Vec3) -> f32 {
     0.2126 * c.x + 0.7152 * c.y + 0.0722 * c.z
 }
 
-/// Columns of what a BRDF knows of shading points.
+/// Columns of shading points that BRDFs read.
 #[derive(Clone, Copy, Debug)]
 pub struct Surfaces<'a> {
     /// Shading normals.
     pub n: [&'a [Lanes]; 3],
     /// Directions to the viewer.
     pub wo: [&'a [Lanes]; 3],
-    /// Parameters; of those that the BRDF has.
+    /// Parameters; only those that the BRDF has are valid.
     pub parameters: [&'a [Lanes]; MAX_PARAMETERS],
 }
 
-/// A BRDF over columns; all columns of a call have the same number of strips. What is written for one point is a [`Kernel`]; a BRDF
-/// that is a batch by itself (a network) implements this.
+/// A BRDF over columns; all columns of a call have the same number of strips. BRDFs of single points
+/// implement [`Kernel`]; those that are evaluated in batches (networks) implement this trait.
 pub trait Brdf: fmt::Debug + Send + Sync {
-    /// How many parameters.
+    /// Number of parameters.
     fn parameters(&self) -> usize;
 
     /// [`Kernel::evaluate_cosine`].
@@ -124,44 +124,46 @@ pub trait Brdf: fmt::Debug + Send + Sync {
     /// [`Kernel::lobes`]: columns of diffuse, specular, f0 and alpha.
     fn lobes(&self, at: &Surfaces<'_>, out: [&mut [Lanes]; 4]);
 
-    /// What it is like, for heads that serve many materials; zeros where it does not say.
+    /// A description for heads that serve many materials; zeros by default.
     fn latent(&self) -> [f32; LATENTS] {
         [0.0; LATENTS]
     }
 
-    /// The tangents `s` and `t` of the frame that the material is given in, whose third axis is the normal: for each a column of x, y and
-    /// z. By default the material is the same in all directions, and `s` is the direction to the viewer along the surface.
+    /// Computes the tangents `s` and `t` of the material's frame, whose third axis is the normal:
+    /// columns of x, y and z for each. By default the material is isotropic, and `s` is the direction
+    /// to the viewer projected onto the surface.
     fn frames(&self, at: &Surfaces<'_>, [sx, sy, sz, tx, ty, tz]: [&mut [Lanes]; 6]) {
         frames_of_views(at, [sx, sy, sz], [tx, ty, tz]);
     }
 
-    /// What a neural material's texture says of the points; zeros by default.
+    /// Features of a neural material's texture at the points; zeros by default.
     fn features(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; neural_texture::FEATURES]) {
         out.into_iter().for_each(|column| column.fill([0.0; LANES]));
     }
 
-    /// What heads see of a neural material over a surface: its features, the first tangent, and the handedness; zeros for other BRDFs.
+    /// Inputs of heads from a neural texture: its features, the first tangent, and the handedness;
+    /// zeros for other BRDFs.
     fn texture(&self, _at: &Surfaces<'_>, out: [&mut [Lanes]; OF_MATERIAL]) {
         out.into_iter().for_each(|column| column.fill([0.0; LANES]));
     }
 
-    /// A hash of all that it reflects, if it has one: samplers that were made for it know it by that.
+    /// A hash of the BRDF's content, if it has one, which identifies samplers made for it.
     fn identity(&self) -> Option<blake3::Hash> {
         None
     }
 
-    /// What was found out about it when it was loaded: a line for the user.
+    /// Findings from loading the BRDF: a line for the user.
     fn note(&self) -> Option<String> {
         None
     }
 }
 
-/// A kernel over columns.
+/// A [`Kernel`] as a [`Brdf`] over columns.
 #[derive(Debug)]
 pub struct OfKernel<K>(PhantomData<K>);
 
 impl<K> OfKernel<K> {
-    /// The kernel over columns.
+    /// The only value.
     pub const NEW: Self = Self(PhantomData);
 }
 
@@ -196,7 +198,7 @@ impl<K: Kernel> Brdf for OfKernel<K> {
     }
 }
 
-/// One strip of surfaces, loaded.
+/// One loaded strip of surfaces.
 struct Strip<K> {
     parameters: [Lanes; MAX_PARAMETERS],
     n: [Lanes; 3],
@@ -306,11 +308,11 @@ vectorized! {
     }
 }
 
-/// Below this sine of the angle to the normal, a view has no direction along the surface.
+/// Sine of the angle to the normal below which a view has no direction along the surface.
 const LEAST_SINE: f32 = 1e-4;
 
 vectorized! {
-    /// The frames of [`Brdf::frames`] by the views.
+    /// The default of [`Brdf::frames`].
     fn frames_of_views['a](_simd, at: &'a Surfaces<'a>, s: [&'a mut [Lanes]; 3], t: [&'a mut [Lanes]; 3]) {
         for strip in 0..s[0].len() {
             let [n, wo] = [at.n, at.wo].map(|column| [column[0][strip], column[1][strip], column[2][strip]]);
@@ -334,7 +336,7 @@ vectorized! {
     }
 }
 
-/// How many analytic BRDFs there are.
+/// Number of analytic BRDFs.
 const ANALYTIC: usize = 3;
 
 /// The BRDFs that points of a tile refer to by index.
@@ -352,27 +354,27 @@ impl BrdfTable {
     /// The BRDF of an index.
     ///
     /// # Panics
-    /// If there is none.
+    /// If the index is out of range.
     pub fn get(&self, index: u32) -> &dyn Brdf {
         &*self.0[index as usize]
     }
 
-    /// How many there are.
+    /// Number of BRDFs.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there is none.
+    /// Whether the table is empty.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Those beside the analytic ones, in order.
+    /// All but the analytic BRDFs, in order.
     pub fn added(&self) -> impl Iterator<Item = &Arc<dyn Brdf>> {
         self.0.iter().skip(ANALYTIC)
     }
 
-    /// The table with one more BRDF, and its index.
+    /// Returns the table with one more BRDF, and its index.
     pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
         let all = self.0.iter().cloned().chain([brdf]).collect();
         (Self(all), self.0.len() as u32)
@@ -391,12 +393,12 @@ impl Default for BrdfTable {
     }
 }
 
-/// The BRDF of one point: an index into a [`BrdfTable`] and its parameters, textures looked up.
+/// The BRDF of one point: an index into a [`BrdfTable`] and parameters, with textures looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surface {
     /// Index of the BRDF.
     pub brdf: u32,
-    /// Its parameters; zeros follow.
+    /// Parameters, followed by zeros.
     pub parameters: [f32; MAX_PARAMETERS],
 }
 

@@ -1,12 +1,13 @@
-//! Sampling in proportion to a linear function on the interval and a bilinear function on the square.
+//! Sampling of linear densities on the interval and bilinear densities on the square.
 
 use glam::Vec2;
 
 use crate::discrete::BELOW_ONE;
 
-/// The point `t` of `[0, 1)` at which the linear density from `a` to `b` (not both 0) has accumulated the share `u`.
+/// Samples the linear density from `a` to `b` (not both 0): returns the `t` in `[0, 1)` at which its
+/// cumulative distribution is `u`.
 ///
-/// The form without cancellation: both terms of the denominator are non-negative.
+/// There is no cancellation: both terms of the denominator are non-negative.
 #[inline(always)]
 pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     let root = (a * a + u * (b * b - a * a)).max(0.0).sqrt();
@@ -14,14 +15,16 @@ pub fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
     if denominator > 0.0 { (u * (a + b) / denominator).min(BELOW_ONE) } else { 0.0 }
 }
 
-/// The share that the linear density from `a` to `b` has accumulated at `t`: the inverse of [`sample_linear`].
+/// The cumulative distribution at `t` of the linear density from `a` to `b`: the inverse of
+/// [`sample_linear`].
 #[inline(always)]
 pub fn invert_linear(t: f32, a: f32, b: f32) -> f32 {
     let sum = a + b;
     if sum > 0.0 { (t * (a * (2.0 - t) + b * t) / sum).min(BELOW_ONE) } else { t }
 }
 
-/// The values of a bilinear function at the corners of a cell, `[upper left, upper right, lower left, lower right]`.
+/// The values of a bilinear function at the corners of a cell,
+/// `[upper left, upper right, lower left, lower right]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Corners(pub [f32; 4]);
 
@@ -38,7 +41,7 @@ impl Corners {
         0.25 * self.0.iter().sum::<f32>()
     }
 
-    /// Carries a uniform point to one distributed in proportion to the function.
+    /// Maps a uniform point to one with density proportional to the function.
     #[inline(always)]
     pub fn sample(&self, u: Vec2) -> Vec2 {
         let [a, b, c, d] = self.0;

@@ -1,26 +1,27 @@
-//! Environments made by code: four kinds of light, from the easiest to the hardest to sample.
+//! Procedural environments: four kinds of light, from the easiest to the hardest to sample.
 //!
-//! Exported samplers recognise their map by the hash of its texels, so the texels are the same to the bit on every platform. Elementary
-//! functions are those of [`simd`], not the platform's. Products of vectors are written out, since glam's are rounded in another way on
-//! each architecture; its sums and scalings are component by component.
+//! Exported samplers identify their map by the hash of its texels, so texels are bit-identical on all
+//! platforms. Elementary functions are those of [`simd`], not the platform's. Products of vectors are
+//! written out, since glam's rounding differs between architectures; its sums and scalings are
+//! componentwise.
 
 use glam::{Vec2, Vec3A};
 
 use super::Environment;
 use crate::{image::Image, latlong, simd};
 
-/// The names that [`built_in`] knows.
+/// The names that [`built_in`] accepts.
 pub const BUILT_IN_NAMES: [&str; 4] = ["overcast", "window", "studio", "sunset"];
 
 const WIDTH: usize = 512;
 const HEIGHT: usize = 256;
 
-/// A built-in environment of 512 x 256 texels; `None` for an unknown name.
+/// Makes a built-in environment of 512 x 256 texels; `None` for an unknown name.
 ///
 /// - `overcast`: the CIE standard overcast sky over a dark ground; smooth.
 /// - `window`: a dim room with one bright window and its reflection on the floor.
-/// - `studio`: three softboxes and a dark backdrop; most of the light from 2 % of the sphere.
-/// - `sunset`: a low sun of half a degree in a clear sky; half of the light from a few texels.
+/// - `studio`: three softboxes and a dark backdrop; most of the light comes from 2 % of the sphere.
+/// - `sunset`: a low sun of 0.5 degrees in a clear sky; half of the light comes from a few texels.
 pub fn built_in(name: &str) -> Option<Environment> {
     let radiance: fn(Vec3A) -> Vec3A = match name {
         "overcast" => overcast,
@@ -36,7 +37,7 @@ pub fn built_in(name: &str) -> Option<Environment> {
     Some(Environment::of_any_size(name, image, Vec::new()).expect("built-in environments are lit"))
 }
 
-/// The mean over 4 x 4 points around a texel centre: edges of lamps are not aliased.
+/// The mean over 4 x 4 points around a texel centre, so that edges of lamps are not aliased.
 fn texel_mean(radiance: fn(Vec3A) -> Vec3A, i: usize, j: usize) -> Vec3A {
     let mut sum = Vec3A::ZERO;
     for k in 0..16 {
@@ -126,11 +127,11 @@ fn studio(w: Vec3A) -> Vec3A {
 
 fn sunset(w: Vec3A) -> Vec3A {
     let sun = towards(120.0, 7.0);
-    // By the arc tangent: a cosine near 1 has lost half of the digits of a small angle.
+    // By the arc tangent: the cosine of a small angle loses half of its digits.
     let from_sun = angle(length(cross(w, sun)), dot(w, sun));
     let zenith = Vec3A::new(0.10, 0.18, 0.38);
     let horizon = Vec3A::new(0.55, 0.38, 0.26);
-    // height^0.45; the logarithm is made for normal numbers.
+    // height^0.45; `ln` needs normal numbers.
     let height = if w.y > f32::MIN_POSITIVE { simd::exp(0.45 * simd::ln(w.y)) } else { 0.0 };
     let sky = mix(horizon, zenith, height);
     let glow = Vec3A::new(2.2, 1.1, 0.45) * simd::exp(-from_sun / 14.0)
@@ -146,7 +147,7 @@ mod tests {
 
     #[test]
     fn maps_have_the_same_hashes_on_every_platform() {
-        // A change of these makes every exported sampler of a built-in map refuse to load.
+        // If these change, exported samplers of built-in maps no longer load.
         let hashes = [
             ("overcast", "e2c2e0314e101c5585ee5e64439961bea9b3d057b2a2ec302d6415e90ba772bf"),
             ("window", "a707adaefb68d343a030d8991fdf5b26c3ae2637f79fb9756b22696c74877c38"),
@@ -159,9 +160,11 @@ mod tests {
         }
     }
 
-    /// The radiance of `sunset` with the platform's functions in f64, and how much an error of the angle to the sun changes it.
+    /// The radiance of `sunset` with the platform's functions in f64, and its change by an error of the
+    /// angle to the sun.
     fn sunset_in_double_precision(w: Vec3A) -> [[f64; 2]; 3] {
-        // Components of the f32 cross product are off by up to 3 roundings of 6e-8, and that in radians is 1e-5 degrees.
+        // Components of the f32 cross product are off by up to 3 roundings of 6e-8 rad, which is 1e-5
+        // degrees.
         const ERROR: f64 = 2e-5;
         let w = w.as_dvec3().normalize();
         let sun = towards(120.0, 7.0).as_dvec3().normalize();
@@ -183,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn sunset_is_what_double_precision_gives() {
+    fn sunset_matches_double_precision() {
         let grid = |count: usize| {
             (0..count * count).map(move |k| Vec2::new((k % count) as f32, (k / count) as f32) / count as f32)
         };
@@ -192,7 +195,8 @@ mod tests {
         for w in sphere.chain(around_the_sun) {
             for (found, [expected, uncertainty]) in sunset(w).to_array().into_iter().zip(sunset_in_double_precision(w))
             {
-                // About ten operations on numbers of the size of the result, or of 1, each with a relative error of at most 3e-7.
+                // About ten operations on numbers of the size of the result, or of 1, each with a
+                // relative error of at most 3e-7.
                 let error = (f64::from(found) - expected).abs();
                 assert!(error < uncertainty + 3e-6 * expected.max(1.0), "{w}: {found} {expected}");
             }

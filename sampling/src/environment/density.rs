@@ -16,15 +16,16 @@ use crate::{
 
 /// `luminance x sin theta`, normalised to integrate to 1 over X, bilinear between the texels of the map.
 ///
-/// Luminance is linear, so this is the very function that the renderer's bilinear radiance lookup gives, but for the sine,
-/// which is linear within a cell here. It is positive wherever the bilinear luminance is, the pole rows included: their weight
-/// is the mean of the sine over their half cell.
+/// Luminance is a linear function of radiance, so this equals the luminance of the bilinear radiance
+/// lookup, except for the sine, which is linear within a cell here. It is positive wherever the
+/// bilinear luminance is, pole rows included: their weight is the mean of the sine over their half
+/// cell.
 ///
-/// Cells lie *between* texel centres: cell `i` of a row spans texels `i` and `i + 1` (periodic), so a cell's left edge is at
-/// `u = (i + 0.5) / width`.
+/// Cells lie *between* texel centres: cell `i` of a row spans texels `i` and `i + 1` (periodic), so a
+/// cell's left edge is at `u = (i + 0.5) / width`.
 ///
-/// The density of a map's own light lies beside the map's texels, so that whoever samples a texel has it in the cache when the radiance is looked
-/// up; that of other luminance takes 4 bytes per texel.
+/// The density of a map's own light is stored beside its texels, so that sampling brings the radiance
+/// into the cache; the density of other luminance takes 4 bytes per texel.
 #[derive(Clone, Debug)]
 pub struct BilinearDensity {
     width: usize,
@@ -63,7 +64,7 @@ impl Grid<'_> {
         ])
     }
 
-    /// The same of many cells. Addresses are computed side by side, so that little stands between one load, which may wait for memory, and the next.
+    /// [`Self::corners`] of one cell per lane. All addresses are computed first, so that the loads overlap.
     #[inline(always)]
     pub fn corners_of(&self, columns: &[u32; LANES], rows: &[u32; LANES]) -> [Corners; LANES] {
         let (width, stride, offset) = (self.width as u32, self.stride as u32, self.offset as u32);
@@ -92,13 +93,13 @@ impl BilinearDensity {
     /// Builds the density of the luminance `[height * width]`.
     ///
     /// # Errors
-    /// The size does not fit, a value is negative or not finite, or all are zero.
+    /// The size does not match, a value is negative or not finite, or all are zero.
     pub fn new(width: usize, height: usize, luminance: &[f32]) -> Result<Self> {
         if width == 0 || height < 2 || luminance.len() != width * height {
             let reason = format!("{width} x {height} does not fit {} values (height at least 2)", luminance.len());
             return Err(Error::argument("tail luminance", reason));
         }
-        // Addresses in lanes are of 32 bits.
+        // Addresses in lanes have 32 bits.
         if u32::try_from(4 * luminance.len()).is_err() {
             return Err(Error::argument("tail luminance", format!("{width} x {height} is too large")));
         }
@@ -108,7 +109,8 @@ impl BilinearDensity {
         let weights: Vec<f64> = (0..height).map(|row| row_weight(row, height)).collect();
         let weighted = |(index, &value): (usize, &f32)| f64::from(value) * weights[index / width];
         let cells = (width * (height - 1)) as f64;
-        // The integral is a sum over cells of the mean of four corners: inner rows count twice, end rows once.
+        // The integral is a sum over cells of the mean of four corners: inner rows count twice, end
+        // rows once.
         let sum: f64 = luminance
             .iter()
             .enumerate()
@@ -121,7 +123,7 @@ impl BilinearDensity {
         Ok(Self { width, height, nodes: Nodes::Own(nodes) })
     }
 
-    /// The same density, kept in the fourth numbers of a map's texels.
+    /// The same density, stored in the fourth numbers of a map's texels.
     pub(super) fn in_texels(&self, texels: &Arc<Large<[f32; 4]>>) -> Self {
         Self { nodes: Nodes::OfTexels(texels.clone()), ..*self }
     }
@@ -167,7 +169,7 @@ impl BilinearDensity {
     pub fn cell(&self, x: Vec2) -> (usize, usize, Vec2) {
         let shifted = x.x * self.width as f32 - 0.5;
         let across = if shifted < 0.0 { shifted + self.width as f32 } else { shifted };
-        // Signed, as SIMD has no conversion to unsigned integers; what is not a number becomes 0.
+        // Signed, as SIMD has no conversion to unsigned integers; NaN becomes 0.
         let column = (across as i32).clamp(0, self.width as i32 - 1);
         let down = x.y * self.rows() as f32;
         let row = (down as i32).clamp(0, self.rows() as i32 - 1);
@@ -183,13 +185,14 @@ impl BilinearDensity {
         Vec2::new(if u >= 1.0 { (u - 1.0).clamp(0.0, BELOW_ONE) } else { u }, v.min(1.0))
     }
 
-    /// What the luminance in each row of texels was multiplied by.
+    /// The factor of the luminance in each row of texels.
     pub(crate) fn row_weights(&self) -> Vec<f32> {
         (0..self.height).map(|row| row_weight(row, self.height) as f32).collect()
     }
 
-    /// The light over the density at points of X, with [`Self::row_weights`]: within a cell the density takes the sine for linear, and next to a pole, where it is not
-    /// small beside its change, the light is up to three times as much. 1 where there is no light.
+    /// Light over density at points of X, with [`Self::row_weights`]; 1 where there is no light. The
+    /// density interpolates the sine linearly within a cell, so next to a pole the light is up to 3
+    /// times the density.
     pub(crate) fn light_over_density(&self, weights: &[f32], points: &[Vec2]) -> Vec<f32> {
         let ratio = |&x: &Vec2| {
             let (column, row, inside) = self.cell(x);
@@ -225,7 +228,7 @@ vectorized! {
                 let (column, row, place) = grid.cell(Vec2::new(u[k], v[k]));
                 (columns[k], rows[k], inside[k]) = (column as u32, row as u32, place);
             }
-            // All loads before the arithmetic, so that they wait for memory together.
+            // All loads come before the arithmetic, so that they overlap.
             let corners = nodes.corners_of(&columns, &rows);
             for k in 0..LANES {
                 out[strip][k] = corners[k].evaluate(inside[k]);
@@ -237,7 +240,8 @@ vectorized! {
 /// The mean of `sin theta` over the hat function of a row of nodes, in f64.
 fn row_weight(row: usize, height: usize) -> f64 {
     let step = PI / (height - 1) as f64;
-    // The integral of hat x sine over a whole hat is sin(theta) (2 - 2 cos h) / h^2 times h; over a pole's half hat it is 1 - sin(h)/h.
+    // The integral of hat x sine is h sin(theta) (2 - 2 cos h) / h^2 over a whole hat, and 1 - sin(h)/h
+    // over a pole's half.
     if row == 0 || row == height - 1 {
         2.0 * (1.0 - step.sin() / step) / step
     } else {

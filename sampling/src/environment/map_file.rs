@@ -1,4 +1,4 @@
-//! Maps in files, and how their names say what a file leaves open.
+//! Maps in files, and the settings that can follow their names.
 
 use std::{fmt, path::Path};
 
@@ -10,24 +10,25 @@ use crate::{
     remark::Remark,
 };
 
-/// A map by name: a built-in one, or a file with what is to be known of it.
+/// A map by name: a built-in one, or a file with optional settings.
 ///
-/// Written `FILE`, or `FILE#layout=cross,layer=beauty` with either or both. A file whose whole name that is comes first.
+/// Written `FILE`, or `FILE#layout=cross,layer=beauty` with one or both settings. An existing file
+/// whose name is the whole text takes precedence.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MapSpec {
     /// The name of a built-in map, or a path as in [`crate::path_text`].
     pub name: String,
-    /// How directions lie in the picture; without it what the file says, else latitude-longitude.
+    /// The layout of directions in the picture; by default the file's, else latitude-longitude.
     pub layout: Option<MapLayout>,
     /// The layer of an OpenEXR file; see [`read_picture`].
     pub layer: Option<String>,
 }
 
 impl MapSpec {
-    /// Takes a text apart.
+    /// Parses a text.
     ///
     /// # Errors
-    /// [`Error::Argument`] where what follows `#` is neither a layout nor a layer.
+    /// [`Error::Argument`] if the text after `#` is neither a layout nor a layer.
     pub fn parse(text: &str) -> Result<Self> {
         let mut spec = Self { name: text.to_owned(), ..Self::default() };
         let Some((name, settings)) = text.rsplit_once('#') else { return Ok(spec) };
@@ -66,10 +67,10 @@ impl fmt::Display for MapSpec {
 }
 
 impl Environment {
-    /// A built-in environment by name, else a map from a file; see [`MapSpec`] for what may follow the name.
+    /// Opens a built-in environment by name, or else a map from a file; see [`MapSpec`] for the syntax.
     ///
     /// # Errors
-    /// The name is neither, or the file cannot be used; see [`Self::load`].
+    /// The name is neither, or the file is invalid; see [`Self::load`].
     pub fn open(name_or_path: &str) -> Result<Self> {
         let spec = MapSpec::parse(name_or_path)?;
         if let Some(environment) = built_in(&spec.name) {
@@ -92,10 +93,11 @@ impl Environment {
         Self::load(path, &spec)
     }
 
-    /// Reads a Radiance .hdr or OpenEXR map; of the spec, layout and layer are used.
+    /// Reads a Radiance .hdr or OpenEXR map with the layout and layer of a spec.
     ///
     /// # Errors
-    /// The file is not such an image, is damaged, has another size than its layout asks for, or holds no light at all.
+    /// The file is not such an image, is damaged, has a size that does not match its layout, or holds
+    /// no light.
     pub fn load(path: &Path, spec: &MapSpec) -> Result<Self> {
         let Picture { image, layout, mut remarks } = read_picture(path, spec.layer.as_deref())?;
         let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
@@ -125,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specs_are_read_and_written() {
+    fn specs_round_trip() {
         for text in ["studio", "a b.exr", "a.exr#layout=cube", "a#b.exr#layer=View.Combined", "x#layout=cross,layer=y"]
         {
             assert_eq!(MapSpec::parse(text).unwrap().to_string(), text);

@@ -33,16 +33,17 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Radiance above this is treated like an infinite one: sums of squares stay inside f32.
+/// Larger radiance is treated as infinite, so that sums of squares stay in the range of f32.
 const LARGEST_RADIANCE: f32 = 1e15;
 
 /// An equirectangular map of linear Rec.709 radiance in W/(sr m^2), bilinear between texels.
 ///
-/// Azimuth is periodic with texel centres at `(i + 0.5) / width`; elevation is aligned to the end rows, `j / (height - 1)`,
-/// as in Mitsuba 3. A map of one row is read as two equal rows.
+/// Azimuth is periodic with texel centres at `(i + 0.5) / width`; elevation is aligned to the end rows,
+/// `j / (height - 1)`, as in Mitsuba 3. A map of one row is read as two equal rows.
 ///
-/// A texel takes 16 bytes, and 36 while the map is made of an image, which has 12: the largest map that is read from a file
-/// ([`crate::image::MAX_PIXELS`]) takes 2 GiB, and 4.5 GiB for that time. [`Self::luminance`] gives another 4 bytes per texel to its caller.
+/// A texel takes 16 bytes, and 36 during construction, of which 12 are the image's: the largest map in
+/// a file ([`crate::image::MAX_PIXELS`]) takes 2 GiB, and temporarily 4.5 GiB. [`Self::luminance`]
+/// allocates another 4 bytes per texel.
 #[derive(Clone, Debug)]
 pub struct Environment {
     name: String,
@@ -56,11 +57,13 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// Makes an environment of an image, repairing what has no meaning as radiance: NaN and negative values become 0, values
-    /// that are infinite or above 1e15 become the largest usable value of the map. [`Self::remarks`] says what was done.
+    /// Makes an environment of an image. Invalid values are repaired: NaN and negative values become 0,
+    /// and infinite values or those above 1e15 become the largest valid value of the map.
+    /// [`Self::remarks`] lists the repairs.
     ///
     /// # Errors
-    /// The image is empty or has 2^31 texels or more, or no texel is lit; or the map needs more memory than there is.
+    /// The image is empty, has 2^31 texels or more, or is black; or the map needs more memory than is
+    /// available.
     pub fn from_image(name: &str, image: Image) -> Result<Self> {
         Self::from_image_in(name, image, MapLayout::LatLong)
     }
@@ -68,9 +71,9 @@ impl Environment {
     /// [`Self::from_image`] of an image in another layout, which is converted to latitude and longitude.
     ///
     /// # Errors
-    /// As [`Self::from_image`], or if the image has another size than the layout asks for.
+    /// As [`Self::from_image`], or if the size of the image does not match the layout.
     pub fn from_image_in(name: &str, mut image: Image, layout: MapLayout) -> Result<Self> {
-        // Before texels are blended with their neighbours.
+        // Repair before texels are blended with their neighbours.
         let remarks = repair(&mut image.pixels);
         let image = to_lat_long(image, layout)?;
         let Image { width, height, ref pixels } = image;
@@ -78,14 +81,14 @@ impl Environment {
         Self::of_any_size(name, image, remarks)
     }
 
-    /// The same however large it is.
+    /// [`Self::from_image`] without the memory check.
     fn of_any_size(name: &str, image: Image, remarks: Vec<Remark>) -> Result<Self> {
         let Image { width, mut height, mut pixels } = image;
         if pixels.is_empty() || width.checked_mul(height) != Some(pixels.len()) {
             let reason = format!("{} texels cannot be {width} x {height}, at least 1 x 1", pixels.len());
             return Err(Error::argument("environment map", reason));
         }
-        // Texels are numbered in 32 bits; a single row will be two.
+        // Texel indices have 32 bits; a single row is doubled.
         if width.checked_mul(height.max(2)).is_none_or(|texels| i32::try_from(texels).is_err()) {
             return Err(Error::argument("environment map", "has 2^31 texels or more"));
         }
@@ -127,12 +130,12 @@ impl Environment {
         self.height
     }
 
-    /// What was decided where the file or the image is unusual: conversions, the layer that was chosen, values that had to be repaired.
+    /// Remarks on unusual files and images: conversions, the chosen layer, repaired values.
     pub fn remarks(&self) -> &[Remark] {
         &self.remarks
     }
 
-    /// Hexadecimal BLAKE3 hash of the size and the texels: what a sampler file uses to recognise its map.
+    /// Hexadecimal BLAKE3 hash of the size and the texels, by which sampler files identify their map.
     pub fn hash(&self) -> &str {
         &self.hash
     }
@@ -156,18 +159,18 @@ impl Environment {
         }
     }
 
-    /// Radiance at a point of the square; `x.x` in `[0, 1]`, `x.y` in `[0, 1]`.
+    /// Looks up the radiance at a point of the square `[0, 1]^2`.
     pub fn radiance_at(&self, x: Vec2) -> Vec3A {
         let stencil = self.stencil(x.x, x.y);
         self.texels_of(&stencil).blend(&stencil)
     }
 
-    /// Where the texels around a point of the square are.
+    /// The indices and weights of the texels around a point of the square.
     #[inline(always)]
     fn stencil(&self, u: f32, v: f32) -> Stencil {
         let column = u * self.width as f32 - 0.5;
         let left = column.floor();
-        // Columns -1 and width are the same places as width - 1 and 0.
+        // Columns -1 and width wrap to width - 1 and 0.
         let i0 = if left < 0.0 { self.width as i32 - 1 } else { (left as i32).min(self.width as i32 - 1) };
         let i1 = if i0 + 1 == self.width as i32 { 0 } else { i0 + 1 };
         let row = v * (self.height - 1) as f32;
@@ -183,7 +186,7 @@ impl Environment {
         Texels([texel(left), texel(right), texel(left + self.width), texel(right + self.width)])
     }
 
-    /// Radiance from a unit direction.
+    /// Looks up the radiance from a unit direction.
     pub fn radiance(&self, wi: Vec3A) -> Vec3A {
         self.radiance_at(latlong::square(wi))
     }
@@ -204,7 +207,7 @@ vectorized! {
                 let [u, v] = latlong::square_of(wi[0][k], wi[1][k], wi[2][k]);
                 stencils[k] = environment.stencil(u, v);
             }
-            // All loads before the arithmetic, so that they wait for memory together.
+            // All loads come before the arithmetic, so that they overlap.
             let mut texels = [Texels::default(); LANES];
             for k in 0..LANES {
                 texels[k] = environment.texels_of(&stencils[k]);
@@ -217,7 +220,7 @@ vectorized! {
     }
 }
 
-/// The upper two of the four texels around a point, and where between them it is.
+/// The upper two of the four texels around a point, and the position between them.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stencil {
     left: u32,
@@ -240,10 +243,11 @@ impl Texels {
     }
 }
 
-/// What a map takes while it is opened, besides its image: texels, running sums, and the tables of a hierarchical tail.
+/// Bytes per texel while a map is opened, besides its image: texels, running sums, and the tables of a
+/// hierarchical tail.
 const BYTES_PER_TEXEL: u64 = 72;
 
-/// Replaces values without meaning; one remark for each kind found.
+/// Replaces invalid values; returns one remark per kind found.
 fn repair(pixels: &mut [[f32; 3]]) -> Vec<Remark> {
     let usable = |value: f32| (0.0..=LARGEST_RADIANCE).contains(&value);
     let largest = pixels.iter().flatten().copied().filter(|&value| usable(value)).fold(0.0, f32::max);
@@ -292,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn values_without_meaning_are_repaired_and_reported() {
+    fn invalid_values_are_repaired_and_reported() {
         let map =
             of(2, 2, vec![[f32::NAN, 1.0, -2.0], [f32::INFINITY, 3.0, 0.0], [0.0; 3], [1e30, 0.5, -0.0]]).unwrap();
         assert_eq!(map.texels[0][..3], [0.0, 1.0, 0.0]);

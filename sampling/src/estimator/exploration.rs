@@ -1,4 +1,4 @@
-//! Shadow rays that visibility is learned from: several from each point.
+//! Shadow rays that visibility is learned from: several per shading point.
 
 use super::Contributions;
 use crate::{
@@ -11,7 +11,8 @@ use crate::{
 
 /// Adds `rays` rays for each row, in proportion to the reflected light of patches; their contributions are 0.
 ///
-/// A further ray from a point costs a third of a point with its camera ray and masses, and says as much about the cell.
+/// Another ray from the same point costs 1/3 of a new point (camera ray and masses), and is as informative
+/// about the cell.
 pub(super) fn explore(
     sky: &SkyRays,
     at: &Rows<'_>,

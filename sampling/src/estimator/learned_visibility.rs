@@ -21,22 +21,22 @@ use crate::{
     },
 };
 
-/// Least width of a cell in pixels.
+/// Smallest width of a cell, in pixels.
 const CELL_PIXELS: f32 = 8.0;
-/// Cells of all levels per pixel at that width.
+/// Number of cells of all levels per pixel at that width.
 const CELLS_PER_PIXEL: f32 = 0.045;
 
-/// Shadow rays from each point.
+/// Number of shadow rays from each point.
 const RAYS: u32 = 8;
 
-/// Draws from patches, or from a head over patches, beside BRDF sampling on glossy surfaces. The masses of patches are multiplied by weights from
-/// learned visibility ([`crate::visibility`]).
+/// Samples patches, or a head over patches, combined with BRDF sampling on glossy surfaces. The masses of
+/// patches are multiplied by weights from learned visibility ([`crate::visibility`]).
 #[derive(Clone)]
 pub struct LearnedVisibility {
     sampler: Arc<Covering<PatchSampler>>,
-    /// Directions from each shading point.
+    /// Number of directions from each shading point.
     directions: u32,
-    /// The patches that rays are counted by.
+    /// The patches for which rays are counted.
     sky: Arc<SkyRays>,
     division: Arc<Division>,
     environment: Arc<Environment>,
@@ -49,7 +49,7 @@ impl LearnedVisibility {
     /// Default size of the cache in bytes.
     pub const MEMORY: usize = 64 << 20;
 
-    /// Over the patches of a map, with a cache of at most `memory` bytes.
+    /// An estimator over the patches of a map, with a cache of at most `memory` bytes.
     ///
     /// # Errors
     /// The map has no light, or is too large.
@@ -58,32 +58,34 @@ impl LearnedVisibility {
         Self::of_sampler(PatchSampler::new(light, detail)?, environment, memory)
     }
 
-    /// Over given patches, which may have a head over them.
+    /// An estimator over given patches, which may have a head over them.
     ///
     /// # Errors
-    /// The sampler leaves a part of the light out.
+    /// The sampler does not cover the whole light.
     pub fn of_sampler(sampler: PatchSampler, environment: Arc<Environment>, memory: usize) -> Result<Self> {
         let (sky, division) = (Arc::new(SkyRays::new(sampler.clone())), Arc::new(sampler.division()));
         let sampler = Arc::new(Covering::new(sampler)?);
         Ok(Self { sampler, directions: 1, sky, division, environment, memory, precomputed: None, always: false })
     }
 
-    /// Takes the mean of `directions` directions from each shading point.
+    /// Averages `directions` directions from each shading point.
     ///
     /// # Errors
-    /// There must be 1 to [`Split::MOST`](super::Split::MOST).
+    /// `directions` is not in 1 to [`Split::MOST`](super::Split::MOST).
     pub fn with_directions(self, directions: u32) -> Result<Self> {
         Ok(Self { directions: check_directions(directions)?, ..self })
     }
 
-    /// Uses weights whatever the predicted gain, for scenes in which rays are expensive, or to measure weights.
+    /// Uses weights regardless of the predicted gain, for scenes in which rays are expensive, or to measure
+    /// weights.
     #[must_use]
     pub fn always(self) -> Self {
         Self { always: true, ..self }
     }
 
-    /// Adds precomputed visibility; cells that it does not have are learned. The points of a rendering must be independent of those that it was
-    /// learned from, as with `headtail_render::integrator::learn_visibility`.
+    /// Adds precomputed visibility; cells that it lacks are learned. The points of a rendering must be
+    /// independent of those that it was learned from, as with
+    /// `headtail_render::integrator::learn_visibility`.
     ///
     /// # Errors
     /// It takes more memory than the estimator has.
@@ -92,7 +94,7 @@ impl LearnedVisibility {
         Ok(Self { precomputed: Some(Arc::new(precomputed)), ..self })
     }
 
-    /// The concrete type of [`Estimator::trainer`].
+    /// Returns the concrete type of [`Estimator::trainer`].
     pub fn session(&self, view: ViewGeometry) -> LearningSession<'_> {
         let cells = CELLS_PER_PIXEL * view.pixels as f32;
         let needed = cells * VisibilityCache::CELL_BYTES as f32;
@@ -130,7 +132,7 @@ impl Estimator for LearnedVisibility {
     }
 }
 
-/// A [`LearnedVisibility`] in one rendering.
+/// A [`LearnedVisibility`] for one rendering.
 pub struct LearningSession<'a> {
     estimator: &'a LearnedVisibility,
     cache: VisibilityCache,
@@ -144,7 +146,8 @@ impl LearningSession<'_> {
         Self { cache: self.cache.resuming(visibility), ..self }
     }
 
-    /// The counts. `scene_hash` is [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
+    /// Returns the counts. `scene_hash` is
+    /// [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
     pub fn into_visibility(self, scene_hash: String) -> SceneVisibility {
         let map = &self.estimator.environment;
         self.cache.into_scene_visibility(scene_hash, map.name().to_owned(), map.hash().to_owned())

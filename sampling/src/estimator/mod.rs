@@ -1,4 +1,4 @@
-//! Unbiased estimators of the environment's light that shading points reflect.
+//! Unbiased estimators of the environment light reflected by shading points.
 //!
 //! An estimator proposes contributions; the owner of the scene adds those whose shadow rays are unblocked.
 //!
@@ -32,8 +32,8 @@ pub trait Estimator: Send + Sync {
     /// Adds contributions for each row; all randomness comes from `points`.
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena);
 
-    /// An estimator for one rendering, if this one learns visibility before it renders. What it learns is dropped after the rendering, so that
-    /// pictures do not depend on earlier ones.
+    /// Returns an estimator for one rendering, if this one learns visibility before it renders. What it
+    /// learns is dropped after the rendering, so that images do not depend on earlier ones.
     fn trainer<'a>(&'a self, _view: ViewGeometry) -> Option<Box<dyn VisibilityTrainer + 'a>> {
         None
     }
@@ -46,46 +46,50 @@ pub struct ViewGeometry {
     pub eye: Vec3A,
     /// Angle of a pixel, in radians.
     pub pixel: f32,
-    /// Pixels of the image.
+    /// Number of pixels of the image.
     pub pixels: usize,
 }
 
-/// An estimator that learns visibility from shadow rays before a picture.
+/// An estimator that learns visibility from shadow rays before a rendering.
 pub trait VisibilityTrainer: Estimator {
-    /// Counts the shadow rays of contributions that it proposed for these rows while [exploring](Self::explore).
+    /// Counts the shadow rays of contributions that were proposed for these rows while
+    /// [exploring](Self::explore).
     fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
 
-    /// Makes cells for the rays so far, which take less memory than a list of rays.
+    /// Builds cells for the rays so far, which take less memory than a list of rays.
     fn settle(&mut self);
 
     /// [Settles](Self::settle), and predicts the gain of weights.
     fn learn(&mut self);
 
-    /// Ends learning: computes the weights, if they pay.
+    /// Ends learning and computes the weights, if they pay off.
     fn finish(&mut self);
 
-    /// Whether `factor` times as many rays in all could make weights pay; depends on the growth of the gain since the last call, too.
+    /// Whether `factor` times as many training rays could make weights worthwhile; also depends on the growth
+    /// of the gain since the last call.
     fn could_pay(&mut self, factor: f64) -> bool;
 
-    /// Starts or ends exploring: proposals are then shadow rays for learning, and their contributions are 0.
+    /// Starts or ends exploration, in which proposals are shadow rays for learning and their contributions
+    /// are 0.
     fn explore(&mut self, explores: bool);
 
-    /// Size and predicted gain of its cache.
+    /// Returns size and predicted gain of its cache.
     fn size(&self) -> CacheSize;
 }
 
-/// Directions with their contributions if unoccluded. Contributions are positive, except for rays that visibility is learned from.
+/// Directions with their contributions if unoccluded. Contributions are positive, except those of exploration
+/// rays.
 #[derive(Clone, Debug, Default)]
 pub struct Contributions {
     places: Vec<u16>,
     wi: Vec<Vec3A>,
     radiance: Vec<Vec3A>,
-    /// The patches of rays that visibility is learned from.
+    /// The patches of exploration rays.
     patches: Vec<u16>,
 }
 
 impl Contributions {
-    /// Removes all.
+    /// Removes all contributions.
     pub fn clear(&mut self) {
         self.places.clear();
         self.wi.clear();
@@ -100,29 +104,29 @@ impl Contributions {
         self.radiance.push(radiance);
     }
 
-    /// Adds a ray to a patch, to learn visibility from.
+    /// Adds an exploration ray to a patch.
     pub(crate) fn push_ray(&mut self, place: usize, wi: Vec3A, patch: u16) {
         self.push(place, wi, Vec3A::ZERO);
         self.patches.push(patch);
     }
 
-    /// The row of each contribution.
+    /// Returns the row of each contribution.
     pub fn places(&self) -> &[u16] {
         &self.places
     }
 
-    /// Unit directions, above the geometric surfaces.
+    /// Returns unit directions, above the geometric surfaces.
     pub fn wi(&self) -> &[Vec3A] {
         &self.wi
     }
 
-    /// Reflected radiance per channel, if unoccluded.
+    /// Returns the reflected radiance per channel, if unoccluded.
     pub fn radiance(&self) -> &[Vec3A] {
         &self.radiance
     }
 }
 
-/// Light x BRDF x cosine per channel for one direction of each row.
+/// Evaluates light x BRDF x cosine per channel for one direction per row.
 pub(crate) fn integrand(
     at: &Rows<'_>,
     environment: &Environment,
@@ -140,7 +144,7 @@ pub(crate) fn integrand(
     }
 }
 
-/// Adds `light x BRDF x cosine x weight` for a direction of each row; a weight of 0 is no sample.
+/// Adds `light x BRDF x cosine x weight` for one direction per row; rows with weight 0 are skipped.
 pub(crate) fn contribute(
     at: &Rows<'_>,
     environment: &Environment,

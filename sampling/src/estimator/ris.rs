@@ -15,11 +15,12 @@ use crate::{
     timings::{Stage, timed},
 };
 
-/// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws, alternately of two techniques, with
-/// balance-heuristic weights between them. The target is the luminance of light x BRDF x cosine without visibility.
+/// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws that alternate
+/// between two techniques, with balance-heuristic weights between them. The target is the luminance of light
+/// x BRDF x cosine without visibility.
 ///
-/// The direction that survives has no closed pdf, only an unbiased estimate of its reciprocal: RIS is an estimator and no sampler, and takes no
-/// part in MIS.
+/// The pdf of the surviving direction has no closed form, only an unbiased estimate of its reciprocal: RIS is
+/// an estimator, not a sampler, and cannot be combined by MIS.
 #[derive(Clone, Debug)]
 pub struct Ris<A, B> {
     first: Covering<A>,
@@ -28,10 +29,11 @@ pub struct Ris<A, B> {
     environment: Arc<Environment>,
 }
 
-/// What is kept of the candidates so far: the sum of weights, the survivor's direction and its target.
+/// The reservoirs: the sum of weights so far, the survivor's direction and its target.
 ///
-/// `random` decides whether a candidate takes the survivor's place, and what is left of it decides on the next: one uniform number, independent
-/// of all candidates, draws the survivor. Numbers of a sequence, one for each candidate, would be biased: they depend on each other.
+/// `random` decides whether a candidate replaces the survivor, and is remapped for the next decision: one
+/// uniform number, independent of all candidates, draws the survivor. One number of a sequence per candidate
+/// would be biased, because they depend on each other.
 struct Reservoirs<'a> {
     total: &'a mut [Lanes],
     wi: [&'a mut [Lanes]; 3],
@@ -43,7 +45,8 @@ struct Reservoirs<'a> {
 struct Candidates<'a> {
     wi: [&'a [Lanes]; 3],
     target: &'a [Lanes],
-    /// The sum of both techniques' draws times their pdfs: the denominator of the balance heuristic.
+    /// Sum over both techniques of the number of draws times the pdf: the denominator of the balance
+    /// heuristic.
     density: &'a [Lanes],
 }
 
@@ -78,10 +81,10 @@ impl Reservoirs<'_> {
 }
 
 impl<A: Sampler, B: Sampler> Ris<A, B> {
-    /// RIS with `candidates` draws in all, the first technique having the odd one.
+    /// RIS with `candidates` draws in total; the first technique gets the extra one of an odd number.
     ///
     /// # Errors
-    /// There must be 1 to 4096 candidates.
+    /// `candidates` is not in 1 to 4096.
     pub fn new(
         first: Covering<A>,
         second: Covering<B>,
@@ -94,7 +97,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         Ok(Self { first, second, candidates, environment })
     }
 
-    /// Draws candidate `index` of each row and shows it to the reservoirs.
+    /// Draws candidate `index` of each row and adds it to the reservoirs.
     fn draw(
         &self,
         at: &Rows<'_>,
@@ -155,7 +158,7 @@ impl<A: Sampler, B: Sampler> Estimator for Ris<A, B> {
             });
         });
         timed(Stage::Shading, || {
-            // The unbiased contribution weight, which stands where 1 / pdf would.
+            // The unbiased contribution weight, which takes the place of 1 / pdf.
             for (total, target) in total.as_flattened_mut().iter_mut().zip(target.as_flattened()) {
                 *total = if *target > 0.0 { *total / target } else { 0.0 };
             }

@@ -13,8 +13,9 @@ use crate::{
     timings::{Stage, timed},
 };
 
-/// The mean of several directions from one sampler: camera ray, hit and what the sampler prepares for a shading point are paid once (splitting, Veach
-/// 1997, section 10.2.1). The directions of all samples of a pixel are points of one sequence.
+/// The mean of several directions from one sampler: the camera ray, the hit and the sampler's preparation for
+/// a shading point are paid once (splitting, Veach 1997, section 10.2.1). The directions of all samples of a
+/// pixel are points of one sequence.
 #[derive(Clone, Debug)]
 pub struct Split<S> {
     sampler: Covering<S>,
@@ -23,13 +24,13 @@ pub struct Split<S> {
 }
 
 impl<S: Sampler> Split<S> {
-    /// Most directions.
+    /// Largest number of directions.
     pub const MOST: u32 = 64;
 
-    /// An estimator with so many directions of a sampler that covers the whole integrand.
+    /// An estimator with `directions` directions of a sampler that covers the whole integrand.
     ///
     /// # Errors
-    /// There must be 1 to [`Self::MOST`] directions.
+    /// `directions` is not in 1 to [`Self::MOST`].
     pub fn new(sampler: Covering<S>, directions: u32, environment: Arc<Environment>) -> Result<Self> {
         Ok(Self { sampler, directions: check_directions(directions)?, environment })
     }
@@ -41,7 +42,8 @@ impl<S: Sampler> Estimator for Split<S> {
     }
 }
 
-/// So many directions for each row from a sampler that covers the whole integrand, each with its part of their mean.
+/// Proposes `directions` directions for each row from a sampler that covers the whole integrand, each
+/// weighted by 1 / `directions`.
 pub(super) fn propose_mean(
     directions: u32,
     sampler: &dyn Sampler,
@@ -72,7 +74,7 @@ pub(super) fn propose_mean(
     }
 }
 
-/// An error unless it is 1 to [`Split::MOST`].
+/// Returns `directions`, or an error unless it is 1 to [`Split::MOST`].
 pub(super) fn check_directions(directions: u32) -> Result<u32> {
     let most = Split::<BrdfSampler>::MOST;
     if !(1..=most).contains(&directions) {

@@ -1,4 +1,4 @@
-//! Whether what a file holds is a density at all: evaluating it at a few points finds weights that are numbers and yet make none.
+//! Checks that a file holds a density: evaluation at a few points finds finite weights that do not give one.
 
 use glam::{Vec2, Vec3, Vec3A};
 
@@ -13,13 +13,13 @@ use crate::{
     tile::ShadingPoint,
 };
 
-/// Points of each square along an edge.
+/// Points along an edge of the square.
 const SIDE: usize = 8;
-/// The widths that heads for glossy surfaces are tried with.
+/// Widths at which heads for glossy surfaces are checked.
 const WIDTHS: [f32; 2] = [0.1, 0.7];
 
 impl Intermediate {
-    /// Evaluates it once, for normals along and between the axes; the error says what came of it.
+    /// Evaluates the density for normals along and between the axes; the error describes an invalid value.
     pub(super) fn check(&self) -> Result<(), String> {
         let diffuse = [Lambert { albedo: Vec3::ONE }.into()];
         let glossy = WIDTHS.map(|alpha| Ggx::new(alpha, Vec3::ONE).into());
@@ -38,7 +38,7 @@ impl Intermediate {
     }
 }
 
-/// Draws from a density, and evaluates it at the same places.
+/// Draws from a density, and evaluates it at the drawn points.
 fn check_at(density: &dyn IntermediateDensity, at: &ShadingPoint) -> Result<(), String> {
     let point = OnePoint::new(at, SIDE * SIDE);
     let mut state: Vec<Lanes> = vec![[0.0; LANES]; density.columns() * strips(SIDE * SIDE)];

@@ -8,10 +8,10 @@ use crate::{
     tail::{Hierarchical, Tail},
 };
 
-/// The arrays of `patches` over a tail.
+/// Returns the arrays of `patches` over a tail.
 ///
 /// # Errors
-/// The tail is not the hierarchical one.
+/// The tail is not hierarchical.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
     Ok([tail.flat(), patches_of(tail, |tail| Patches::alone(tail, detail))?].concat())
 }
@@ -27,10 +27,10 @@ fn patches_of(tail: &Tail, patches: impl Fn(&Hierarchical) -> Patches) -> Result
     Ok(patches(tail).flat(tail.grid().columns(), tail.grid().rows()))
 }
 
-/// The arrays of a file's table, or of its head and the patches below it, over its tail.
+/// Returns the arrays of a file's tail, and of its table or its head with the patches below it.
 ///
 /// # Errors
-/// There are patches, and the tail is not the hierarchical one.
+/// There are patches, and the tail is not hierarchical.
 pub fn flat_exported(exported: &ExportedSampler) -> Result<Vec<FlatArray>> {
     let intermediate = match &exported.intermediate {
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => table.flat(),

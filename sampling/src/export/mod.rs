@@ -1,16 +1,17 @@
 //! The exported sampler: one `.safetensors` file with everything that a renderer needs.
 //!
-//! Tensors are row-major little-endian f32: `tail.luminance` `[height, width]` (what the tail warp is built from), with a flow tail
-//! `tail.map` `[cells + 1, cells, 2]` (its table, see [`crate::tail::WarpMap::new`]), and either the
-//! head's layers (`layer0.linear0.weight` `[out, in]`, `layer0.linear0.bias` `[out]`, ...) or `table.masses`
-//! `[polar, azimuth, rows, columns]`. The metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. A reader
-//! refuses fields and tensors that it does not know.
+//! Tensors are row-major little-endian f32: `tail.luminance` `[height, width]` (what the tail warp is
+//! built from), with a flow tail `tail.map` `[cells + 1, cells, 2]` (its table, see
+//! [`crate::tail::WarpMap::new`]), and either the head's layers (`layer0.linear0.weight` `[out, in]`,
+//! `layer0.linear0.bias` `[out]`, ...) or `table.masses` `[polar, azimuth, rows, columns]`. The
+//! metadata has one entry, `headtail`, which holds a JSON object, [`Description`]. Unknown fields and
+//! tensors are rejected.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the format; what a file builds |
+//! | `mod.rs` | the format; samplers of a file |
 //! | `read.rs`, `write.rs` | reading and writing |
-//! | `check.rs` | whether weights make a density |
+//! | `check.rs` | check that weights give a density |
 //! | `flat.rs` | samplers as arrays, for other devices |
 
 mod check;
@@ -34,11 +35,11 @@ use crate::{
     tail::{Tail, TailKind},
 };
 
-/// The newest version of the format. A file has the lowest one that holds it: 4 with a head over patches of sky, else 3 with the settings of its run,
-/// else 2 with a flow tail, else 1.
+/// The newest version of the format. Files have the lowest version that supports their content: 4 with
+/// a head over patches of sky, else 3 with the settings of their run, else 2 with a flow tail, else 1.
 pub const FORMAT_VERSION: u32 = 4;
 
-/// What an exported file says of itself.
+/// The metadata of an exported file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
@@ -46,20 +47,20 @@ pub struct Description {
     pub format_version: u32,
     /// The version of the program that wrote the file.
     pub program_version: String,
-    /// What the intermediate density is.
+    /// Kind of the intermediate density.
     pub intermediate: IntermediateDescription,
-    /// What the intermediate density is conditioned on, in this order.
+    /// Condition of the intermediate density.
     pub condition: Condition,
     /// The tail warp.
     pub tail: TailKind,
-    /// The patches of sky between head and tail; absent where the head is over the tail.
+    /// The patches of sky between head and tail; absent if the head is directly over the tail.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub patches: Option<Detail>,
     /// Name of the environment map.
     pub environment: String,
     /// [`Environment::hash`] of the map.
     pub environment_hash: String,
-    /// How it was trained; absent for a direct bake.
+    /// Summary of the training; absent for a direct bake.
     pub training: Option<TrainingSummary>,
     /// All settings of the run that made the file, as a TOML text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -80,7 +81,8 @@ pub enum IntermediateDescription {
         encoder_layers: usize,
         /// Number of layers of each spline network, the last one included.
         network_layers: usize,
-        /// Number of layers of the network of the learned share, 0 without one. Files call it by its first name.
+        /// Number of layers of the network of the learned mixture weight, 0 without one;
+        /// `selection_layers` in files.
         #[serde(rename = "selection_layers")]
         #[serde(default)]
         share_layers: usize,
@@ -91,7 +93,7 @@ pub enum IntermediateDescription {
     DirectBake,
 }
 
-/// How a head was trained; by default not at all.
+/// Summary of a head's training; by default untrained.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingSummary {
@@ -107,15 +109,16 @@ pub struct TrainingSummary {
     pub final_kl: f64,
     /// Variance of one sample relative to the squared mean (unshadowed), mean over the validation conditions.
     pub relative_variance: f64,
-    /// Wall-clock seconds of the training loop; `None` where files must not depend on the clock.
+    /// Wall-clock seconds of the training loop; `None` if files must be reproducible.
     pub seconds: Option<f64>,
-    /// Wall-clock seconds of tabulating the head; `None` for a head itself, and where files must not depend on the clock.
+    /// Wall-clock seconds of tabulating the head; `None` for a head itself, and if files must be
+    /// reproducible.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tabulated_seconds: Option<f64>,
 }
 
 /// The intermediate density of an exported file.
-// There is one of it for each file: a pointer to the larger variant would save nothing.
+// There is only one per file, so boxing the larger variant would save nothing.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
 pub enum Intermediate {
@@ -134,7 +137,8 @@ pub struct ExportedSampler {
     pub intermediate: Intermediate,
     /// The tail warp.
     pub tail: Arc<Tail>,
-    /// The patches of sky between a head and the tail: it was trained for what they leave over, and is noisy without them.
+    /// The patches of sky between a head and the tail. The head is trained for the residual of the
+    /// patches, and is noisy without them.
     pub patches: Option<Detail>,
     /// Columns, rows and values `[height, width]` of the luminance that the tail was built from.
     pub luminance: (usize, usize, Vec<f32>),
@@ -142,14 +146,14 @@ pub struct ExportedSampler {
     pub environment: String,
     /// [`Environment::hash`] of the map.
     pub environment_hash: String,
-    /// How it was trained.
+    /// Summary of the training.
     pub training: Option<TrainingSummary>,
-    /// All settings of the run that made it, as a TOML text; this crate does not look into it.
+    /// All settings of the run that made the file, as a TOML text, which this crate does not parse.
     pub run: Option<String>,
 }
 
 impl ExportedSampler {
-    /// A sampler for a map, to be written.
+    /// Makes a sampler for a map, for writing.
     ///
     /// # Errors
     /// See [`Tail::of_environment`].
@@ -163,7 +167,7 @@ impl ExportedSampler {
         Ok(Self::of_tail(intermediate, tail, environment, training))
     }
 
-    /// A sampler for a map with a tail that was built from, or fitted to, the map's luminance.
+    /// Makes a sampler for a map with a tail that was built from, or fitted to, the map's luminance.
     pub fn of_tail(
         intermediate: Intermediate,
         tail: Arc<Tail>,
@@ -182,25 +186,25 @@ impl ExportedSampler {
         }
     }
 
-    /// The sampler with the settings of the run that made it.
+    /// Adds the settings of the run that made the sampler.
     #[must_use]
     pub fn with_run(self, settings: String) -> Self {
         Self { run: Some(settings), ..self }
     }
 
-    /// The sampler of a head over patches of sky.
+    /// Marks the head as one over patches of sky.
     #[must_use]
     pub fn over_patches(self, detail: Detail) -> Self {
         Self { patches: Some(detail), ..self }
     }
 
-    /// Whether it holds a head that has learned its share beside BRDF sampling.
+    /// Whether the file holds a head with a learned mixture weight against BRDF sampling.
     pub fn has_share(&self) -> bool {
         matches!(&self.intermediate, Intermediate::Head(head) if head.has_share())
     }
 
-    /// The complete sampler that the file was made to be: in a mixture with BRDF sampling where it
-    /// has learned its share or is over patches, which have one.
+    /// Builds the file's complete sampler: in a mixture with BRDF sampling if the mixture weight is
+    /// learned or the head is over patches, which have one.
     ///
     /// # Errors
     /// As [`Self::sampler`].
@@ -209,10 +213,10 @@ impl ExportedSampler {
         Covering::new(self.sampler(environment, mixed)?)
     }
 
-    /// The file's sampler, alone or in a mixture with BRDF sampling.
+    /// Builds the file's sampler, alone or in a mixture with BRDF sampling.
     ///
     /// # Errors
-    /// [`Error::Argument`]: the sampler was made for another map, see [`Self::check_environment`].
+    /// [`Error::Argument`] if the sampler was made for another map, see [`Self::check_environment`].
     pub fn sampler(self, environment: &Arc<Environment>, mixed: bool) -> Result<Arc<dyn Sampler>> {
         self.check_environment(environment)?;
         let light = EnvironmentLight::with_tail(environment.clone(), self.tail);
@@ -226,7 +230,7 @@ impl ExportedSampler {
         Ok(if mixed { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product })
     }
 
-    /// The head, if it draws points of Y, so that it can be tabulated.
+    /// Returns the head if it is a density over Y, which can be tabulated.
     ///
     /// # Errors
     /// The file holds a table, or a head over patches.
@@ -243,10 +247,10 @@ impl ExportedSampler {
         }
     }
 
-    /// The patches of a file with their head, for what learns while it renders.
+    /// Builds the patches of a file with their head, for samplers that learn during rendering.
     ///
     /// # Errors
-    /// The file holds no head over patches; as [`Self::sampler`].
+    /// The file holds no head over patches, or as [`Self::sampler`].
     pub fn patch_sampler(self, environment: &Arc<Environment>) -> Result<PatchSampler> {
         self.check_environment(environment)?;
         let (Intermediate::Head(head), Some(detail)) = (self.intermediate, self.patches) else {
@@ -256,10 +260,10 @@ impl ExportedSampler {
         PatchSampler::with_head(light, detail, head)
     }
 
-    /// The table, and the light whose tail it is over.
+    /// Returns the table, and the light with the tail below it.
     ///
     /// # Errors
-    /// The file holds no table; as [`Self::sampler`].
+    /// The file holds no table, or as [`Self::sampler`].
     pub fn table_and_light(self, environment: &Arc<Environment>) -> Result<(BakedTable, EnvironmentLight)> {
         self.check_environment(environment)?;
         let (Intermediate::Bake(table) | Intermediate::DirectBake(table)) = self.intermediate else {
@@ -268,11 +272,11 @@ impl ExportedSampler {
         Ok((table, EnvironmentLight::with_tail(environment.clone(), self.tail)))
     }
 
-    /// Checks that the sampler was made for this very map: under another one it would be biased.
+    /// Checks that the sampler was made for this map: with another one it would be biased.
     ///
     /// # Errors
-    /// [`Error::Argument`] names the field: the hash is that of another map, or the luminance from which the tail was built is
-    /// not the map's.
+    /// [`Error::Argument`] that names the field if the hash is that of another map, or the luminance of
+    /// the tail is not the map's.
     pub fn check_environment(&self, environment: &Environment) -> Result<()> {
         if self.environment_hash != environment.hash() {
             let reason = format!(
@@ -284,7 +288,7 @@ impl ExportedSampler {
         }
         let (width, height, luminance) = &self.luminance;
         let same_size = (*width, *height) == (environment.width(), environment.height());
-        // To rounding: another processor may add the three channels in another order.
+        // Up to rounding: processors may sum the three channels in different orders.
         let near = |(own, map): (&f32, f32)| (own - map).abs() <= 1e-5 * map;
         if !same_size || !luminance.iter().zip(environment.luminance()).all(near) {
             let reason = format!(
@@ -296,7 +300,7 @@ impl ExportedSampler {
         Ok(())
     }
 
-    /// What the file says of itself.
+    /// Makes the metadata of the file.
     pub fn description(&self) -> Description {
         let intermediate = match &self.intermediate {
             Intermediate::Head(head) => {

@@ -1,4 +1,4 @@
-//! Reading an exported sampler; nothing in the file is trusted.
+//! Reading an exported sampler. All content is validated.
 
 use std::{path::Path, sync::Arc};
 
@@ -15,17 +15,17 @@ use crate::{
     tensor_file,
 };
 
-/// Larger files are refused before they are read.
+/// Larger files are rejected before they are read.
 const LARGEST_FILE: u64 = 1 << 30;
-/// Deepest network that is read.
+/// Maximum number of layers of a network.
 const MOST_LAYERS: usize = 16;
 
 impl ExportedSampler {
     /// Reads an exported file.
     ///
     /// # Errors
-    /// One sentence that names the file and the field: the file is not of this format, is damaged, or holds a field, a tensor
-    /// or a version that this reader does not know.
+    /// An error that names the file and the field if the file is not of this format, is damaged, or
+    /// holds an unknown field, tensor or version.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let reason =
@@ -41,7 +41,7 @@ impl ExportedSampler {
     }
 }
 
-/// Parses the description, the version first: another version may have other fields.
+/// Parses the description, the version first, since other versions may have other fields.
 fn describe(path: &Path, text: &str) -> Result<Description> {
     let invalid = |error: serde_json::Error| Error::invalid(path, "metadata 'headtail'", error.to_string());
     let value: serde_json::Value = serde_json::from_str(text).map_err(invalid)?;
@@ -59,7 +59,7 @@ fn describe(path: &Path, text: &str) -> Result<Description> {
     serde_json::from_value(value).map_err(invalid)
 }
 
-/// The tensors of a file, and the names of those that have been asked for.
+/// The tensors of a file, and the names of those read so far.
 struct Tensors<'a> {
     path: &'a Path,
     tensors: SafeTensors<'a>,
@@ -140,7 +140,7 @@ impl Tensors<'_> {
         table.map_err(|error| error.in_file(self.path))
     }
 
-    /// The shape and the values of a tensor of f32 with `rank` axes.
+    /// Reads the shape and the values of an f32 tensor with `rank` axes.
     fn take(&mut self, name: &str, rank: usize) -> Result<(Vec<usize>, Vec<f32>)> {
         let field = || format!("tensor '{name}'");
         let view = self.tensors.tensor(name).map_err(|_| Error::invalid(self.path, field(), "is missing"))?;
@@ -149,7 +149,7 @@ impl Tensors<'_> {
             return Err(Error::invalid(self.path, field(), reason));
         }
         self.used.push(name.to_owned());
-        // The library has checked that the bytes fill the shape.
+        // The library has checked that the bytes match the shape.
         let values =
             view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]));
         Ok((view.shape().to_vec(), values.collect()))

@@ -13,11 +13,11 @@ use crate::{
 };
 
 impl ExportedSampler {
-    /// Writes the file to a temporary name beside `path` and renames it. The same sampler gives the same bytes.
+    /// Writes the file atomically. Equal samplers give equal bytes.
     ///
     /// # Errors
-    /// The file cannot be written, or a figure of the training summary is not finite: JSON has no such numbers, and the file
-    /// could not be read again.
+    /// The file cannot be written, or a figure of the training summary is not finite, which JSON cannot
+    /// represent.
     pub fn write(&self, path: &Path) -> Result<()> {
         if let Some(training) = &self.training {
             let seconds = training.seconds.unwrap_or(0.0) + training.tabulated_seconds.unwrap_or(0.0);
@@ -57,7 +57,7 @@ impl ExportedSampler {
             }
         }
         let description = serde_json::to_string(&self.description()).map_err(|error| error.to_string())?;
-        // A single entry: the order of several would change from run to run.
+        // A single entry: the order of several would vary between runs.
         let metadata = HashMap::from([("headtail".to_owned(), description)]);
         let bytes: Vec<Vec<u8>> = tensors.iter().map(|(.., values)| to_little_endian(values)).collect();
         let mut views = Vec::with_capacity(tensors.len());

@@ -1,4 +1,4 @@
-//! What a head is conditioned on.
+//! Condition vectors of heads.
 
 use glam::Vec3;
 use serde::{Deserialize, Serialize};
@@ -16,23 +16,26 @@ pub enum Condition {
     Normal,
     /// Microfacet surfaces of one width alpha: `wo`, `n`, `2 (n . wo) n - wo`, `n . wo`: 10 numbers.
     Ggx,
-    /// Microfacet surfaces of any width: the numbers of [`Condition::Ggx`], then `alpha`, `ln alpha`: 12 numbers.
+    /// Microfacet surfaces of any width: the numbers of [`Condition::Ggx`], then `alpha`, `ln alpha`:
+    /// 12 numbers.
     GgxRoughness,
-    /// Any of many measured materials: the numbers of [`Condition::Ggx`], then [`crate::brdf::Brdf::latent`]: 16 numbers.
+    /// A family of measured materials: the numbers of [`Condition::Ggx`], then
+    /// [`crate::brdf::Brdf::latent`]: 16 numbers.
     Family,
-    /// A neural material over a surface: the numbers of [`Condition::Ggx`], its features, the first tangent in world space, and 1, -1 where
-    /// the texture is mirrored, or 0 on other surfaces, where features and tangent are 0: 22 numbers.
+    /// A neural material over a surface: the numbers of [`Condition::Ggx`], the features, the first
+    /// tangent in world space, and the handedness, 1, or -1 where the texture is mirrored: 22 numbers.
+    /// Features, tangent and handedness are 0 on other surfaces.
     Texture,
 }
 
 /// The longest condition vector.
 pub const MAX_CONDITION: usize = GEOMETRY + OF_MATERIAL;
 
-/// Numbers of view direction and normal.
+/// Number of entries for view direction and normal.
 const GEOMETRY: usize = 10;
 
 impl Condition {
-    /// How many numbers.
+    /// Length of the condition vector.
     pub const fn length(self) -> usize {
         match self {
             Self::Normal => 3,
@@ -43,7 +46,7 @@ impl Condition {
         }
     }
 
-    /// Numbers of the material that the condition holds, before logarithms.
+    /// Number of the material's entries, without logarithms.
     pub(super) const fn of_material(self) -> usize {
         match self {
             Self::Normal | Self::Ggx => 0,
@@ -53,8 +56,8 @@ impl Condition {
         }
     }
 
-    /// The conditions of one strip of shading points, a column for each number. `material` is the width of the lobe, the
-    /// latents, or what the texture says.
+    /// Fills the conditions of one strip of shading points, one column per number. `material` is the
+    /// width of the lobe, the latents, or the columns of the texture.
     #[inline(always)]
     pub(super) fn load(self, n: &[Lanes; 3], wo: &[Lanes; 3], material: &[Lanes; OF_MATERIAL], out: &mut [Lanes]) {
         let out = &mut out[..self.length()];
@@ -71,21 +74,22 @@ impl Condition {
         }
     }
 
-    /// The condition of a measured material.
+    /// Makes the condition of a measured material.
     pub fn encode_family(wo: Vec3, n: Vec3, latent: &[f32; LATENTS]) -> [f32; MAX_CONDITION] {
         let mut condition = Self::Family.encode(wo, n, 1.0);
         condition[GEOMETRY..GEOMETRY + LATENTS].copy_from_slice(latent);
         condition
     }
 
-    /// The condition of a point of a neural material, from its features, tangent and handedness.
+    /// Makes the condition of a point of a neural material, from its features, tangent and handedness.
     pub fn encode_texture(wo: Vec3, n: Vec3, material: &[f32; OF_MATERIAL]) -> [f32; MAX_CONDITION] {
         let mut condition = Self::Texture.encode(wo, n, 1.0);
         condition[GEOMETRY..].copy_from_slice(material);
         condition
     }
 
-    /// The condition for a view direction, a normal and a width, in the first [`Condition::length`] numbers; latents are zero.
+    /// Makes the condition for a view direction, a normal and a width, in the first
+    /// [`Condition::length`] numbers; latents are zero.
     #[inline(always)]
     pub fn encode(self, wo: Vec3, n: Vec3, alpha: f32) -> [f32; MAX_CONDITION] {
         if self == Self::Normal {

@@ -1,19 +1,22 @@
-//! A head as flat lists, for implementations on other devices.
+//! A head as flat arrays, for implementations on other devices.
 
 use super::{Head, Linear, Mode};
 use crate::{flat::FlatArray, spline::bin_count};
 
-/// Outputs whose weights lie together.
+/// Number of outputs whose weights are stored together.
 const BLOCK: usize = 4;
 
 impl Head {
-    /// All that a draw and a pdf read. Layers follow each other as in [`Self::layers`]: encoder, elevation's network, azimuth's, share.
+    /// The arrays that draws and pdfs read. Layers are in the order of [`Self::layers`]: encoder,
+    /// networks of elevation, azimuth and mixture weight.
     ///
-    /// - `head.layers` `[layers, 4]`: inputs, outputs, where the weights begin in `head.weights`, and where the biases do.
-    /// - `head.weights` `[numbers]`: of each layer the weights `[blocks, inputs, 4]`, where a block is four outputs, then the biases `[blocks, 4]`.
-    ///   What is no output is 0.
-    /// - `head.shape` `[8]`: numbers of the condition ([`super::Condition::length`]); 1 for coupled layers, 0 for autoregressive ones; layers of the
-    ///   encoder, of elevation's network, of azimuth's, of the share; bins of elevation, bins of azimuth.
+    /// - `head.layers` `[layers, 4]`: inputs, outputs, and the starts of weights and biases in
+    ///   `head.weights`.
+    /// - `head.weights` `[numbers]`: for each layer the weights `[blocks, inputs, 4]`, where a block is four
+    ///   outputs, then the biases `[blocks, 4]`. Missing outputs of the last block are 0.
+    /// - `head.shape` `[8]`: length of the condition ([`super::Condition::length`]); 1 for coupled layers, 0
+    ///   for autoregressive ones; numbers of layers of the encoder and of the networks of elevation, azimuth
+    ///   and mixture weight; bins of elevation, bins of azimuth.
     /// - `head.slope` `[1]`: slope of the leaky ReLU for negative arguments.
     pub fn flat(&self) -> Vec<FlatArray> {
         let (mut layers, mut weights) = (Vec::new(), Vec::new());
@@ -43,7 +46,7 @@ impl Head {
     }
 }
 
-/// The weights of a layer in blocks, then its biases.
+/// Appends the weights of a layer in blocks, then its biases.
 fn append(layer: &Linear, out: &mut Vec<f32>) {
     let (inputs, outputs) = (layer.inputs(), layer.outputs());
     for first in (0..outputs).step_by(BLOCK) {

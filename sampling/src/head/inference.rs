@@ -1,6 +1,7 @@
 //! Inference of a head over strips of samples.
 //!
-//! Networks are bound by multiply-adds: all weights of a head fit the second-level cache and are read once for each strip.
+//! Networks are bound by multiply-adds: all weights of a head fit into the L2 cache and are read once
+//! per strip.
 
 use glam::Vec2;
 
@@ -16,7 +17,7 @@ use crate::{
     tile::Rows,
 };
 
-/// Which way a head is read.
+/// The direction in which a head is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Direction {
     /// `z -> y`, sampling.
@@ -25,7 +26,7 @@ enum Direction {
     Inverse,
 }
 
-/// Numbers of one strip between layers.
+/// Buffers of one strip between layers.
 struct Scratch<'a> {
     /// Condition, then the encoder's output.
     seen: &'a mut [Lanes],
@@ -35,18 +36,18 @@ struct Scratch<'a> {
 }
 
 impl Head {
-    /// Strips of lanes that [`Scratch`] takes.
+    /// Number of strips in [`Scratch`].
     fn scratch_strips(&self) -> usize {
         MAX_CONDITION + 4 * self.widest() + self.logits()
     }
 
     fn widest(&self) -> usize {
         let layers = self.encoder.layers.iter().chain(&self.share.layers).map(super::Linear::outputs);
-        // Splines need scratch of fewer rows than they have logits.
+        // Splines need fewer rows of scratch than they have logits.
         layers.chain([self.elevation.widest(), self.azimuth.widest(), MAX_CONDITION]).max().unwrap_or(0)
     }
 
-    /// The two splines may have different numbers of bins.
+    /// The larger number of logits of the two splines, whose numbers of bins may differ.
     fn logits(&self) -> usize {
         self.azimuth.outputs().max(self.elevation.outputs())
     }
@@ -60,8 +61,9 @@ impl Head {
         Scratch { seen, first_layer, hidden: [first, second], logits }
     }
 
-    /// Columns of state that belong to the elevation's network: the condition's part of the first hidden layer (coupled), or the logits of the
-    /// spline, which depend on nothing else (autoregressive). Those of the azimuth's network follow.
+    /// Number of state columns of the elevation's network: the condition's part of the first hidden
+    /// layer (coupled), or the logits of the spline, which depend only on the condition
+    /// (autoregressive). The azimuth's columns follow.
     fn elevation_columns(&self) -> usize {
         match self.mode {
             Mode::Coupled => self.elevation.of_condition.outputs(),
@@ -69,7 +71,7 @@ impl Head {
         }
     }
 
-    /// From the condition in `scratch.seen` to what depends on it alone.
+    /// Fills the state from the condition in `scratch.seen`.
     #[inline(always)]
     fn prepare_strip<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, state: &mut [Lanes]) {
         self.encode(simd, scratch);
@@ -84,7 +86,7 @@ impl Head {
         }
     }
 
-    /// The encoder, which completes `scratch.seen`.
+    /// Runs the encoder, which completes `scratch.seen`.
     #[inline(always)]
     fn encode<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>) {
         let Scratch { seen, hidden: [first, second], .. } = scratch;
@@ -100,7 +102,7 @@ impl Head {
         }
     }
 
-    /// The share of samples beside BRDF sampling, from `scratch.seen`: `0.02 + 0.96 sigmoid(logit + prior)`.
+    /// The mixture weight against BRDF sampling, from `scratch.seen`: `0.02 + 0.96 sigmoid(logit + prior)`.
     #[inline(always)]
     fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, prior: &Lanes) -> Lanes {
         let Scratch { seen, hidden: [first, _], logits, .. } = scratch;
@@ -115,7 +117,7 @@ impl Head {
         share
     }
 
-    /// Both splines in one direction: images of `(u, v)`, and the densities over Y.
+    /// Evaluates both splines in one direction: images of `(u, v)`, and the densities over Y.
     #[inline(always)]
     fn warp<S: Simd>(
         &self,
@@ -126,7 +128,7 @@ impl Head {
         [u, v]: [&Lanes; 2],
     ) -> [Lanes; 3] {
         let (image_u, image_v, d_u, d_v);
-        // Coupled: F0(y_v; y_u), then F1(y_u; z_v). Sampling undoes F1 first.
+        // Coupled: F0(y_v; y_u), then F1(y_u; z_v). Sampling inverts F1 first.
         if direction == Direction::Forward && self.mode == Mode::Coupled {
             (image_u, d_u) = self.azimuth_spline(simd, direction, scratch, state, u, v);
             (image_v, d_v) = self.elevation_spline(simd, direction, scratch, state, v, &image_u);
@@ -184,10 +186,10 @@ impl Head {
         evaluate(self.elevation.topology, direction, logits, first, v)
     }
 
-    /// Prepares a condition vector of [`super::Condition::length`] numbers.
+    /// Prepares the head for a condition vector of [`super::Condition::length`] numbers.
     ///
     /// # Errors
-    /// The vector has another length.
+    /// The vector has a different length.
     pub fn at(&self, condition: &[f32]) -> Result<HeadAt<'_>> {
         let length = self.condition.length();
         if condition.len() != length {
@@ -205,7 +207,7 @@ impl Head {
     }
 }
 
-/// Images of `at` under the splines of some logits, and `|dz/dy|` there.
+/// Evaluates splines given their logits: images of `at`, and `|dz/dy|` there.
 #[inline(always)]
 fn evaluate(
     topology: Topology,
@@ -220,7 +222,7 @@ fn evaluate(
     }
 }
 
-/// A head at one condition: every lane of a strip has the same.
+/// A head at one condition, which all lanes of a strip share.
 #[derive(Clone, Debug)]
 pub struct HeadAt<'a> {
     head: &'a Head,
@@ -229,17 +231,17 @@ pub struct HeadAt<'a> {
 }
 
 impl HeadAt<'_> {
-    /// The share of samples that the head gives beside BRDF sampling.
+    /// The head's mixture weight against BRDF sampling.
     pub fn share(&self) -> f32 {
         self.share
     }
 
-    /// Carries uniform points `z` to `(y, density over Y)`.
+    /// Maps uniform points `z` to `(y, density over Y)`.
     pub fn sample(&self, z: &[Vec2]) -> Vec<(Vec2, f32)> {
         self.map(Direction::Forward, z)
     }
 
-    /// The density direction: points `y` to `(z, density over Y)`.
+    /// Maps points `y` to `(z, density over Y)`: the density direction.
     pub fn invert(&self, y: &[Vec2]) -> Vec<(Vec2, f32)> {
         self.map(Direction::Inverse, y)
     }
@@ -272,7 +274,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// Prepares rows, or (without state) gives their shares in place of what is added to their logits.
+    /// Prepares rows; with an empty `state`, replaces the prior logits in `shares` by mixture weights
+    /// instead.
     fn prepare_rows['a](
         simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; OF_MATERIAL],
         state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
@@ -347,7 +350,8 @@ impl IntermediateDensity for Head {
 }
 
 impl Head {
-    /// [`IntermediateDensity::share`] with logits in `out` that the learned ones are added to; 1/2 where none is learned.
+    /// [`IntermediateDensity::share`] with prior logits in `out`, which are added to the learned ones;
+    /// 1/2 if none are learned.
     pub fn shares_after(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         if self.has_share() {
             self.with_conditions(at, arena, |material, scratch| {
@@ -358,7 +362,7 @@ impl Head {
         }
     }
 
-    /// Calls `work` with what the condition holds of materials, and with scratch.
+    /// Calls `work` with the material's columns of the condition, and with scratch.
     fn with_conditions(&self, at: &Rows<'_>, arena: &Arena, work: impl FnOnce([&[Lanes]; OF_MATERIAL], &mut [Lanes])) {
         let known = if self.condition.of_material() > 0 { at.strips() } else { 0 };
         let (mut material, mut scratch) =

@@ -3,7 +3,7 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `condition.rs` | the layouts of condition vectors |
-//! | `network.rs` | the network that gives a spline its logits |
+//! | `network.rs` | the network of a spline's logits |
 //! | `inference.rs` | sampling and density over strips of samples |
 //! | `without_tail.rs` | a head over the map itself (the naive flow) |
 //! | `flat.rs` | a head as arrays, for other devices |
@@ -28,26 +28,27 @@ use crate::{
     spline::Topology,
 };
 
-/// Widest hidden layer.
+/// Maximum width of hidden layers.
 pub const MAX_HIDDEN: usize = 256;
-/// Most bins of a spline.
+/// Maximum number of bins of a spline.
 pub const MAX_BINS: usize = 64;
 
-/// How the two coupling layers see each other's coordinate; layer 0 transforms elevation, layer 1 azimuth.
+/// The dependence of the two coupling layers on each other's coordinate; layer 0 transforms elevation,
+/// layer 1 azimuth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mode {
-    /// `z_v = F0(y_v; y_u, c)`, `z_u = F1(y_u; z_v, c)` (the paper's).
+    /// `z_v = F0(y_v; y_u, c)`, `z_u = F1(y_u; z_v, c)` (as in the paper).
     Coupled,
     /// `z_v = F0(y_v; c)`, `z_u = F1(y_u; y_v, c)`: layer 0 runs once per condition.
     Autoregressive,
 }
 
-/// Least probability of either strategy in the mixture of head and BRDF sampling: a weight of the mixture is at most 50 times that of
-/// the strategy that fits.
+/// Least selection probability of either strategy in the mixture of head and BRDF sampling: sample
+/// weights are at most 50 times those of the better strategy alone.
 pub const SHARE_FLOOR: f32 = 0.02;
 
-/// The logit whose share is nearest to a share, at most 6.9 from 0: `share = 0.02 + 0.96 sigmoid(logit)`.
+/// The logit of a mixture weight, clamped to +-6.9: the inverse of `share = 0.02 + 0.96 sigmoid(logit)`.
 pub fn logit_of_share(share: f32) -> f32 {
     let inside = ((share - SHARE_FLOOR) / (1.0 - 2.0 * SHARE_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
     (inside / (1.0 - inside)).ln()
@@ -59,15 +60,15 @@ pub struct Head {
     condition: Condition,
     mode: Mode,
     leaky_slope: f32,
-    /// Empty, or layers with leaky ReLU after each; their output joins the condition.
+    /// Empty, or layers with leaky ReLU after each; their output is appended to the condition.
     encoder: Layers,
     elevation: SplineNetwork,
     azimuth: SplineNetwork,
-    /// Empty, or two layers that end in the logit of the share of samples that the head gives beside BRDF sampling.
+    /// Empty, or two layers whose output is the logit of the mixture weight against BRDF sampling.
     share: Layers,
 }
 
-/// Layers as files have them, and packed.
+/// Layers in file order, and packed.
 #[derive(Clone, Debug, Default)]
 struct Layers {
     layers: Vec<Linear>,
@@ -75,10 +76,10 @@ struct Layers {
 }
 
 impl Head {
-    /// Puts a head together from its networks.
+    /// Makes a head of its networks.
     ///
     /// # Errors
-    /// The sizes of the layers do not fit each other, or are above [`MAX_HIDDEN`] or [`MAX_BINS`].
+    /// The sizes of the layers do not match, or exceed [`MAX_HIDDEN`] or [`MAX_BINS`].
     pub fn new(
         condition: Condition,
         mode: Mode,
@@ -106,10 +107,11 @@ impl Head {
         Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, share: Layers::default() })
     }
 
-    /// Adds the network of the learned share: two layers from what the spline networks see to one logit, or none.
+    /// Adds the network of the learned mixture weight: two layers from the inputs of the spline
+    /// networks to one logit, or none.
     ///
     /// # Errors
-    /// The layers do not fit.
+    /// The sizes of the layers do not match.
     pub fn with_share(mut self, share: Vec<Linear>) -> Result<Self> {
         let seen = self.condition.length() + self.encoder.layers.last().map_or(0, Linear::outputs);
         let fits = match &share[..] {
@@ -131,17 +133,17 @@ impl Head {
         Ok(self)
     }
 
-    /// Whether the head has learned how often to draw from BRDF sampling instead.
+    /// Whether the head has a learned mixture weight against BRDF sampling.
     pub fn has_share(&self) -> bool {
         !self.share.layers.is_empty()
     }
 
-    /// What the head is conditioned on.
+    /// The layout of the condition.
     pub fn condition(&self) -> Condition {
         self.condition
     }
 
-    /// How the layers are joined.
+    /// The dependence between the coupling layers.
     pub fn mode(&self) -> Mode {
         self.mode
     }
@@ -152,7 +154,7 @@ impl Head {
     }
 
     /// The layers by name, `encoder.linear0`, ..., `layer0.linear0`, ..., `layer1.linear0`, ...,
-    /// `selection.linear0`, ... (what files call the network of the share)
+    /// `selection.linear0`, ... (the network of the mixture weight).
     pub fn layers(&self) -> Vec<(String, &Linear)> {
         let parts = [
             ("encoder", &self.encoder.layers[..]),

@@ -1,4 +1,4 @@
-//! The network that gives a spline its logits.
+//! The network of a spline's logits.
 
 use super::{MAX_BINS, MAX_HIDDEN};
 use crate::{
@@ -8,11 +8,11 @@ use crate::{
     spline::Topology,
 };
 
-/// Most logits of a spline.
+/// Maximum number of logits of a spline.
 const MAX_LOGITS: usize = 3 * MAX_BINS + 1;
 
-/// The network of one spline: leaky ReLU after every layer but the last. Inputs are the condition, then the other coordinate's
-/// features; the first layer is packed in these two parts.
+/// The network of one spline, with a leaky ReLU after every layer but the last. Inputs are the
+/// condition, then the other coordinate's features; the first layer is packed in these two parts.
 #[derive(Clone, Debug)]
 pub struct SplineNetwork {
     pub(super) topology: Topology,
@@ -23,10 +23,10 @@ pub struct SplineNetwork {
 }
 
 impl SplineNetwork {
-    /// Checks that layers follow each other and end in the logits of a spline.
+    /// Makes a network, and checks that the layers' sizes match and end in the logits of a spline.
     ///
     /// # Errors
-    /// Names the layer that does not fit.
+    /// An error that names the layer of wrong size.
     pub fn new(name: &str, topology: Topology, condition: usize, features: usize, layers: Vec<Linear>) -> Result<Self> {
         let [first, .., _] = &layers[..] else {
             return Err(Error::argument(name, "needs at least one hidden layer and an output layer"));
@@ -56,7 +56,7 @@ impl SplineNetwork {
         &self.layers
     }
 
-    /// How many logits.
+    /// Number of logits.
     pub(super) fn outputs(&self) -> usize {
         self.later.last().map_or(0, Packed::outputs)
     }
@@ -66,13 +66,13 @@ impl SplineNetwork {
         self.layers.iter().map(Linear::outputs).max().unwrap_or(0)
     }
 
-    /// The condition's part of the first hidden layer, before its activation.
+    /// Computes the condition's part of the first hidden layer, before its activation.
     #[inline(always)]
     pub(super) fn prepare<S: Simd>(&self, simd: S, condition: &[Lanes], out: &mut [Lanes]) {
         self.of_condition.forward(simd, Start::Bias, condition, out, None);
     }
 
-    /// Logits from the condition's part of the first layer and the other coordinate's features.
+    /// Computes logits from the condition's part of the first layer and the other coordinate's features.
     #[inline(always)]
     pub(super) fn logits<S: Simd>(
         &self,

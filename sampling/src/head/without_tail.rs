@@ -1,4 +1,4 @@
-//! A head over the map itself, without a tail: what the paper calls the naive flow.
+//! A head directly over the map, without a tail: the paper's naive flow.
 
 use super::Head;
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     tile::Rows,
 };
 
-/// A head that was trained over X: what a tail is measured by. In files it is a head over a tail that moves nothing.
+/// A head trained over X, the baseline for tails. In files it is a head over an identity tail.
 pub struct WithoutTail(pub Head);
 
 impl Sampler for WithoutTail {

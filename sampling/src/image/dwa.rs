@@ -1,15 +1,16 @@
-//! The sizes that DWA blocks of OpenEXR files state: the decoder allocates what they say.
+//! Checks of the sizes in DWA blocks of OpenEXR files, which the decoder allocates without limits.
 
 use exr::block::chunk::{Chunk, CompressedBlock};
 use exr::compression::Compression;
 use exr::meta::header::Header;
 
-/// The counters at the start of a block, 8 bytes each (`DataSizesSingle` in OpenEXR's `internal_dwa_compressor.h`).
+/// The counters at the start of a block, 8 bytes each (`DataSizesSingle` in OpenEXR's
+/// `internal_dwa_compressor.h`).
 const COUNTERS: usize = 11;
 
-/// Checks that a block states no size above what its pixels can need; the error names what does.
+/// Checks that a block states no size above what its pixels can need; the error names the size.
 ///
-/// Blocks of another compression, and damaged ones that the decoder refuses by itself, pass.
+/// Blocks of other compressions, and damaged ones that the decoder rejects itself, pass.
 pub(super) fn check_sizes(header: &Header, chunk: &Chunk) -> Result<(), String> {
     if !matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
         return Ok(());
@@ -19,7 +20,7 @@ pub(super) fn check_sizes(header: &Header, chunk: &Chunk) -> Result<(), String> 
         CompressedBlock::Tile(block) => &block.compressed_pixels_le,
         CompressedBlock::DeepScanLine(_) | CompressedBlock::DeepTile(_) => return Ok(()),
     };
-    // Shorter blocks have no counters: the decoder stops at them.
+    // Shorter blocks have no counters; the decoder rejects them.
     let Some(counters) = bytes.as_chunks::<8>().0.first_chunk::<COUNTERS>() else { return Ok(()) };
     let counters = counters.map(u64::from_le_bytes);
 
@@ -28,7 +29,7 @@ pub(super) fn check_sizes(header: &Header, chunk: &Chunk) -> Result<(), String> 
     let cosine_blocks = (size.width().div_ceil(8) * size.height().div_ceil(8) * header.channels.list.len()) as u64;
     let limits = [
         ("bytes of other channels", counters[1], raw),
-        // A run, or a literal, takes two bytes at most for each byte that it stands for.
+        // Runs and literals take at most two bytes per decoded byte.
         ("bytes of run lengths", counters[6], 2 * raw),
         ("bytes of run-length coded channels", counters[7], raw),
         ("AC coefficients", counters[8], 64 * cosine_blocks),

@@ -1,31 +1,32 @@
-//! Which channels of an OpenEXR file are its picture.
+//! Selection of the channels of an OpenEXR file that form its picture.
 
 use exr::meta::header::Header;
 
 use crate::remark::Remark;
 
-/// Where the colours of an image are.
+/// The channels of an image's colours.
 pub(super) struct Source {
     /// The part of the file.
     pub part: usize,
-    /// Indices of the channels of red, green and blue; the same three times for luminance.
+    /// Indices of the red, green and blue channels; three times the same index for luminance.
     pub rgb: [usize; 3],
 }
 
-/// Channels of a part that have a prefix in common.
+/// Channels of a part with a common prefix.
 struct Layer {
     part: usize,
-    /// The prefix without its dot, after the part's name where there are several parts; empty for channels without.
+    /// The prefix without its dot, after the part's name if there are several parts; empty for channels
+    /// without prefix.
     name: String,
     rgb: Option<[usize; 3]>,
     luminance: Option<usize>,
 }
 
-/// Names of layers that are the whole picture, in lower case.
+/// Names of layers that hold the whole picture, in lower case.
 const PICTURES: [&str; 10] =
     ["combined", "beauty", "rgba", "rgb", "color", "colour", "composite", "image", "main", "final"];
 
-/// Parts of names of layers that hold three channels and no light, in lower case.
+/// Parts of names of layers that hold data instead of light, in lower case.
 const DATA: [&str; 16] = [
     "normal",
     "ambientocclusion",
@@ -45,10 +46,10 @@ const DATA: [&str; 16] = [
     "glosscol",
 ];
 
-/// Whole names of such layers.
+/// Whole names of layers that hold data instead of light.
 const DATA_NAMES: [&str; 8] = ["ao", "n", "p", "z", "uv", "st", "transcol", "id"];
 
-/// How well a layer serves as the picture; the least is taken.
+/// Priority of a layer as the picture; the least is chosen.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Rank {
     Plain,
@@ -59,12 +60,12 @@ enum Rank {
 }
 
 impl Layer {
-    /// The last part of its name, in lower case.
+    /// The last part of the name, in lower case.
     fn last(&self) -> String {
         self.name.rsplit('.').next().unwrap_or_default().to_lowercase()
     }
 
-    /// `None` for what is not taken for light by itself.
+    /// The priority; `None` for layers that are only read on request.
     fn rank(&self) -> Option<Rank> {
         let last = self.last();
         let is_picture = PICTURES.contains(&&*last) || ["combined", "beauty"].iter().any(|word| last.contains(word));
@@ -86,8 +87,9 @@ impl Layer {
     }
 }
 
-/// Finds the picture: the layer of the name `wanted` (or whose name ends with it), else R, G and B without a layer, then layers that are called
-/// as whole pictures are, then the first of colours, then luminance. The error is the end of a sentence.
+/// Finds the picture: the layer called `wanted` (or whose name ends with it), else R, G and B without a
+/// layer, then layers with names of whole pictures, then the first layer of colours, then luminance.
+/// The error is a clause.
 pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source, Option<Remark>), String> {
     let layers = layers(headers);
     if let Some(wanted) = wanted {
@@ -114,7 +116,7 @@ pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source
     Ok((source, remark))
 }
 
-/// The layer of a name, in whatever case; the end of a name after a dot is enough.
+/// Finds a layer by its name, or the part of it after a dot; case is ignored.
 fn named(layers: &[Layer], wanted: &str) -> Result<Source, String> {
     let lower = wanted.to_lowercase();
     let is_named = |layer: &&Layer| {
@@ -130,7 +132,7 @@ fn named(layers: &[Layer], wanted: &str) -> Result<Source, String> {
     layer.source().ok_or_else(|| format!("the layer '{wanted}' has neither R, G and B nor Y"))
 }
 
-/// All layers, in order of appearance; channels without a layer come first in their part.
+/// All layers in file order; channels without a layer come first in their part.
 fn layers(headers: &[Header]) -> Vec<Layer> {
     let mut layers = Vec::new();
     for (part, header) in headers.iter().enumerate() {
@@ -147,7 +149,7 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
             };
             let rgb = [["R", "red"], ["G", "green"], ["B", "blue"]].map(|endings| index(&endings));
             let rgb = if let [Some(r), Some(g), Some(b)] = rgb { Some([r, g, b]) } else { None };
-            // Y beside X is the second coordinate of a vector.
+            // Together with X, Y is a coordinate of a vector.
             let luminance = index(&["Y"]).filter(|_| index(&["X"]).is_none());
             layers.push(Layer { part, name: layer_name(&part_name, prefix.trim_end_matches('.')), rgb, luminance });
         }
@@ -155,7 +157,7 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
     layers
 }
 
-/// A layer's name within a file of several parts, which may repeat the part's.
+/// A layer's name in a file of several parts; the prefix may repeat the part's name.
 fn layer_name(part: &str, prefix: &str) -> String {
     match (part.is_empty(), prefix.is_empty()) {
         (true, _) => prefix.to_owned(),
@@ -165,7 +167,8 @@ fn layer_name(part: &str, prefix: &str) -> String {
     }
 }
 
-/// The prefixes of channel names, with their dot, in order of appearance; no prefix comes first where a channel has none.
+/// The prefixes of channel names, with their dot, in file order; the empty prefix comes first if a
+/// channel has none.
 fn prefixes(names: &[String]) -> Vec<&str> {
     let mut prefixes: Vec<&str> = Vec::new();
     let plain = names.iter().any(|name| !name.contains('.')).then_some("");

@@ -1,4 +1,4 @@
-//! How directions lie in a picture of all directions, and the latitude-longitude picture of the others.
+//! Layouts of directions in a picture, and conversion to latitude-longitude.
 
 use std::{f64::consts::PI, fmt, str::FromStr};
 
@@ -10,22 +10,24 @@ use crate::{
     latlong, memory,
 };
 
-/// How directions lie in a picture of all directions.
+/// The layout of directions in a picture of the sphere.
 ///
-/// The centre of a latitude-longitude map is called forward (+Z here), and what is right of it right (-X); up is +Y.
+/// The centre of a latitude-longitude map is forward (+Z), the side to its right is right (-X), and up is +Y.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum MapLayout {
     /// Latitude and longitude, twice as wide as high, up at the top; see [`crate::latlong`].
     #[default]
     LatLong,
-    /// A square that keeps areas (Clarberg 2008), as pbrt-v4 reads it: up in the middle, down at the corners.
+    /// An equal-area square (Clarberg 2008), as in pbrt-v4: up in the middle, down at the corners.
     EqualArea,
-    /// Six faces of a cube in a column or a row, as OpenEXR orders them: +X, -X, +Y, -Y, +Z, -Z, each as seen from inside with forward +Z.
+    /// Six faces of a cube in a column or a row, in OpenEXR's order: +X, -X, +Y, -Y, +Z, -Z, each as
+    /// seen from inside with forward +Z.
     Cube,
-    /// A cube unfolded: up, forward, down and backward (upside down) in a column with left and right beside forward, 3 x 4 faces; or left,
-    /// forward, right and backward in a row with up and down beside forward, 4 x 3.
+    /// An unfolded cube: 3 x 4 faces with up, forward, down and backward (upside down) in a column, and
+    /// left and right beside forward; or 4 x 3 faces with left, forward, right and backward in a row,
+    /// and up and down beside forward.
     Cross,
-    /// A disc whose radius is the angle to forward, which is in the middle (Debevec 1998): the light probe.
+    /// A light probe (Debevec 1998): a disc with forward in the middle, whose radius is the angle to forward.
     Angular,
 }
 
@@ -39,7 +41,7 @@ const NAMES: [(&str, MapLayout); 5] = [
 ];
 
 impl MapLayout {
-    /// All names, as users write them.
+    /// All names, as parsed from text.
     pub fn names() -> impl Iterator<Item = &'static str> {
         NAMES.into_iter().map(|(name, _)| name)
     }
@@ -66,7 +68,7 @@ const RIGHT: DVec3 = DVec3::NEG_X;
 const UP: DVec3 = DVec3::Y;
 const FORWARD: DVec3 = DVec3::Z;
 
-/// A face of a cube: where it is among the faces of the picture, and where it looks.
+/// A face of a cube: its position among the faces of the picture, and its orientation.
 struct Face {
     column: usize,
     row: usize,
@@ -82,7 +84,7 @@ const LEFT: DVec3 = DVec3::X;
 const DOWN: DVec3 = DVec3::NEG_Y;
 const BACKWARD: DVec3 = DVec3::NEG_Z;
 
-/// Of a column of faces; of a row, columns and rows are exchanged.
+/// Faces in a column; for a row, columns and rows are exchanged.
 const CUBE: [Face; 6] = [
     face(0, 0, LEFT, FORWARD),
     face(0, 1, RIGHT, BACKWARD),
@@ -108,13 +110,13 @@ const WIDE_CROSS: [Face; 6] = [
     face(3, 1, BACKWARD, LEFT),
 ];
 
-/// The latitude-longitude picture of one in another layout, with at least as many texels in any small region.
+/// Converts a picture from another layout to latitude-longitude, with at least the same local resolution.
 ///
-/// Each texel stands for its solid angle, and is divided into parts that go to the texels around their directions, bilinearly, as they are
-/// looked up later: so the light of each texel arrives whole, be it a sun.
+/// Each texel is divided into parts whose light is splatted bilinearly, weighted by solid angle, so
+/// that the light of small sources such as a sun is preserved.
 ///
 /// # Errors
-/// [`Error::Argument`] if the size is none of the layout, or the new picture is too large.
+/// [`Error::Argument`] if the size does not match the layout, or the new picture is too large.
 pub(crate) fn to_lat_long(image: Image, layout: MapLayout) -> Result<Image> {
     let wrong = |wanted: &str| {
         let reason = format!("{} x {} pixels are not {wanted}, as the layout {layout} has", image.width, image.height);
@@ -154,7 +156,7 @@ pub(crate) fn to_lat_long(image: Image, layout: MapLayout) -> Result<Image> {
     }
 }
 
-/// Weighted sums around every texel of a latitude-longitude picture.
+/// Weighted sums at every texel of a latitude-longitude picture.
 struct Splats {
     width: usize,
     height: usize,
@@ -162,9 +164,9 @@ struct Splats {
     sums: Vec<[f32; 4]>,
 }
 
-/// A picture of `width` and half the height, filled by `fill`.
+/// Makes a picture of `width` x `width / 2` pixels from the splats of `fill`.
 fn resample(image: &Image, width: usize, fill: impl FnOnce(&mut Splats)) -> Result<Image> {
-    // One row would be two equal ones.
+    // A single row would be doubled.
     let height = (width / 2).max(2);
     if width * height > MAX_PIXELS {
         let reason = format!("{} x {} pixels take more than {MAX_PIXELS} as a map", image.width, image.height);
@@ -177,7 +179,7 @@ fn resample(image: &Image, width: usize, fill: impl FnOnce(&mut Splats)) -> Resu
 }
 
 impl Splats {
-    /// Adds light of a solid angle from a direction.
+    /// Adds the light of a solid angle in a direction.
     fn add(&mut self, w: DVec3, solid_angle: f64, value: [f32; 3]) {
         let x = latlong::square(w.as_vec3a().normalize_or(Vec3A::Y));
         let (column, row) = (x.x * self.width as f32 - 0.5, x.y * (self.height - 1) as f32);
@@ -200,7 +202,8 @@ impl Splats {
         }
     }
 
-    /// The averages; texels that nothing fell on, near the poles, are as the nearest in their row, or else as the next row.
+    /// Computes the averages. Texels near the poles without any splat copy the nearest in their row, or
+    /// else the next row.
     fn finish(self) -> Image {
         let Self { width, height, sums } = self;
         let mut image = Image::black(width, height);
@@ -228,7 +231,7 @@ impl Splats {
                 *pixel = [r / weight, g / weight, b / weight];
             }
         }
-        // From the equator to either pole.
+        // From the equator to both poles.
         let copy = |image: &mut Image, from: usize, to: usize| {
             image.pixels.copy_within(from * width..(from + 1) * width, to * width);
         };
@@ -242,10 +245,10 @@ impl Splats {
     }
 }
 
-/// Parts of a texel along each side: their distance is at most half of a texel of the new map.
+/// Parts of a texel along each side; their distance is at most half a texel of the new map.
 const PARTS: usize = 4;
 
-/// Middles of the parts of texel `k` of `count`, from 0 to 1 over the picture.
+/// Centres of the parts of texel `k` of `count`, from 0 to 1 over the picture.
 fn parts(k: usize, count: usize) -> [f64; PARTS] {
     std::array::from_fn(|i| (k as f64 + (i as f64 + 0.5) / PARTS as f64) / count as f64)
 }
@@ -255,7 +258,7 @@ fn equal_area(image: &Image, splats: &mut Splats) {
     each_part(image, |place, value| splats.add(equal_area_direction(place), solid_angle, value));
 }
 
-/// Calls `add` for each part of each texel, with its place from 0 to 1.
+/// Calls `add` for each part of each texel, with its position in `[0, 1]^2`.
 fn each_part(image: &Image, mut add: impl FnMut(DVec2, [f32; 3])) {
     for y in 0..image.height {
         for x in 0..image.width {
@@ -269,18 +272,19 @@ fn each_part(image: &Image, mut add: impl FnMut(DVec2, [f32; 3])) {
     }
 }
 
-/// The direction of a point of the equal-area square: the map of concentric squares to circles, octant by octant (Clarberg 2008, section 2).
+/// The direction of a point of the equal-area square: maps concentric squares to circles, octant by
+/// octant (Clarberg 2008, section 2).
 fn equal_area_direction(place: DVec2) -> DVec3 {
     let p = 2.0 * place - DVec2::ONE;
     let (a, b) = (p.x.abs(), p.y.abs());
-    // From the edge of the hemisphere: positive inside of the diamond, which is the upper one.
+    // Distance from the edge between the hemispheres: positive inside the diamond, which is the upper one.
     let inside = 1.0 - (a + b);
     let r = 1.0 - inside.abs();
     let phi = if r == 0.0 { 0.0 } else { ((b - a) / r + 1.0) * PI / 4.0 };
     let height = (1.0 - r * r).copysign(inside);
     let radius = r * (2.0 - r * r).max(0.0).sqrt();
     let (sin, cos) = phi.sin_cos();
-    // Azimuth zero of the square is azimuth zero of the map, which is backward; it goes on to the left.
+    // Azimuth zero is backward, as in lat-long maps, and increases to the left.
     let [zero, quarter] = [cos.copysign(p.x) * radius, sin.copysign(p.y) * radius];
     BACKWARD * zero + LEFT * quarter + UP * height
 }
@@ -294,7 +298,7 @@ fn angular(image: &Image, splats: &mut Splats) {
             return;
         }
         let (sin, cos) = (PI * r).sin_cos();
-        // sin(pi r) / r, which is pi in the middle.
+        // sin(pi r) / r, which tends to pi in the middle.
         let ratio = if r > 1e-9 { sin / r } else { PI };
         let w = FORWARD * cos + (RIGHT * p.x - UP * p.y) * ratio;
         splats.add(w, area * PI * ratio, value);
@@ -303,7 +307,7 @@ fn angular(image: &Image, splats: &mut Splats) {
 
 fn cube_face(image: &Image, side: usize, place: (usize, usize), forward: DVec3, right: DVec3, splats: &mut Splats) {
     let (left, top) = (place.0 * side, place.1 * side);
-    // As seen from inside: forward, right and up are the hands of a right-handed frame seen from behind.
+    // As seen from inside the cube.
     let up = right.cross(forward);
     let area = 4.0 / (PARTS * PARTS * side * side) as f64;
     for y in 0..side {
@@ -335,11 +339,11 @@ mod tests {
         values.map(|value| value as f32)
     }
 
-    /// The mean over all directions of what a lookup gives.
+    /// The mean of bilinear lookups over all directions.
     fn mean(image: &Image) -> [f64; 3] {
         let (mut sum, mut total) = ([0.0; 3], 0.0);
         for y in 0..image.height {
-            // The integral of the hat of a row: rows are at ends.
+            // The integral of the hat function of a row; the first and last rows are at the poles.
             let step = PI / (image.height - 1) as f64;
             let theta = step * y as f64;
             let weight = if y == 0 || y == image.height - 1 { 0.125 * step } else { theta.sin() };
@@ -351,7 +355,7 @@ mod tests {
         sum.map(|sum| sum / total)
     }
 
-    /// [`light`] in a layout: what `direction` says of the middle of each texel.
+    /// [`light`] in a layout, at the `direction` of the centre of each texel.
     fn pictured(width: usize, height: usize, direction: impl Fn(DVec2) -> Option<DVec3>) -> Image {
         let mut image = Image::black(width, height);
         for y in 0..height {
@@ -395,7 +399,7 @@ mod tests {
     }
 
     #[test]
-    fn one_light_is_the_same_in_every_layout() {
+    fn all_layouts_convert_to_the_same_map() {
         let of_sphere = |width: usize, height: usize| {
             let mut image = Image::black(width, height);
             for y in 0..height {
@@ -415,7 +419,8 @@ mod tests {
             for c in 0..3 {
                 assert!((own[c] / truth[c] - 1.0).abs() < 1e-3, "{layout} {size:?}: {own:?} and {truth:?}");
             }
-            // No texel is far from the light of its direction: what blurring over a texel and a half of the smallest lobe changes.
+            // Texels differ from the light of their direction by at most a blur of the smallest lobe
+            // over 1.5 texels.
             let expected = of_sphere(map.width, map.height);
             for (k, (a, b)) in map.pixels.iter().zip(&expected.pixels).enumerate() {
                 let near = (0..3).all(|c| (a[c] - b[c]).abs() < 0.25);
@@ -425,10 +430,10 @@ mod tests {
     }
 
     #[test]
-    fn light_of_a_single_texel_arrives_whole() {
+    fn light_of_a_single_texel_is_preserved() {
         for (layout, mut image) in every_layout() {
             image.pixels.fill([0.0; 3]);
-            // A third of the way: on a face, in the disc, near no pole.
+            // On a face, inside the disc, and away from the poles.
             let (x, y) = match layout {
                 MapLayout::Cross if image.width > image.height => (image.width * 2 / 5, image.height / 2),
                 MapLayout::Cross => (image.width / 2, image.height * 2 / 5),
@@ -451,7 +456,7 @@ mod tests {
             }
             let solid_angle: f64 = splats.sums.iter().map(|sum| f64::from(sum[0])).sum();
             let light = mean(&map)[0] * 4.0 * PI;
-            // Sums of weights are solid angles of texels up to the parts' density.
+            // Sums of weights are the solid angles of texels, up to the density of parts.
             assert!(
                 (light / (1000.0 * solid_angle) - 1.0).abs() < 0.03,
                 "{layout}: {light} of {}",
@@ -461,7 +466,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_that_are_none_of_a_layout_are_refused() {
+    fn sizes_that_do_not_match_a_layout_are_rejected() {
         for (layout, width, height) in [
             (MapLayout::EqualArea, 8, 4),
             (MapLayout::Angular, 8, 9),
@@ -476,7 +481,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_read() {
+    fn names_round_trip() {
         for name in MapLayout::names() {
             assert_eq!(name.parse::<MapLayout>().unwrap().to_string(), name);
         }

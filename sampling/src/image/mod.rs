@@ -4,12 +4,12 @@
 //! | --- | --- |
 //! | `read.rs` | the format of a file, from its first bytes |
 //! | `radiance.rs`, `rgbe.rs` | Radiance pictures, and their scan lines |
-//! | `openexr.rs`, `layers.rs` | OpenEXR, and which channels are the picture |
-//! | `dwa.rs` | the sizes that compressed OpenEXR blocks claim |
+//! | `openexr.rs`, `layers.rs` | OpenEXR, and the choice of channels |
+//! | `dwa.rs` | checks of sizes in DWA blocks of OpenEXR files |
 //! | `layout.rs` | cubes, crosses, probes and equal-area squares to lat-long |
 //! | `primaries.rs` | colours of other primaries to Rec.709 |
 //! | `size.rs` | the largest image |
-//! | `without_panic.rs` | decoders of other crates that may panic |
+//! | `without_panic.rs` | panics of decoders as errors |
 
 #[cfg(feature = "exr")]
 mod dwa;
@@ -46,7 +46,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// A black image.
+    /// Makes a black image.
     pub fn black(width: usize, height: usize) -> Self {
         Self { width, height, pixels: vec![[0.0; 3]; width * height] }
     }

@@ -1,8 +1,10 @@
-//! Reading OpenEXR files: scan lines or tiles, the largest level of mip and rip maps, 16- and 32-bit floats and integers.
+//! Reading OpenEXR files: scan lines or tiles, the largest level of mip and rip maps, 16- and 32-bit
+//! floats and integers.
 //!
-//! Which channels are read is up to [`super::layers`]. The image is the display window: texels that the data window lacks are black, and
-//! those outside are left out. Colours of other primaries (attribute `chromaticities`) become Rec.709. Infinity of 16 bits, which is what
-//! brighter values than 65504 became when the file was written, is 65504. Deep and subsampled images are refused.
+//! [`super::layers`] chooses the channels. The image is the display window: texels outside the data
+//! window are black, and data outside the display window is cropped. Colours of other primaries
+//! (attribute `chromaticities`) are converted to Rec.709. Infinite half-precision values, which result
+//! from writing values above 65504, are read as 65504. Deep and subsampled images are rejected.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -26,14 +28,16 @@ use super::{Image, MapLayout, Picture, dwa};
 use crate::error::{Error, Result};
 use crate::remark::Remark;
 
-/// The largest block (tile, or rows that are compressed together) that is read, in bytes.
+/// Maximum size of a block (a tile, or rows that are compressed together), in bytes.
 const MAX_BLOCK_BYTES: usize = 1 << 30;
-/// A display window of more pixels, 200 MB, is read if it has no more than [`MAX_MARGIN`] times those of the data window.
+/// Display windows of more pixels (200 MB) are accepted up to [`MAX_MARGIN`] times the pixels of the
+/// data window.
 const FREE_DISPLAY_PIXELS: usize = 1 << 24;
-/// See [`FREE_DISPLAY_PIXELS`]: black around a crop, where more is taken for damage.
+/// See [`FREE_DISPLAY_PIXELS`]; larger black margins around a crop are treated as damage.
 const MAX_MARGIN: usize = 1024;
 
-/// Reads the open `file` of `file_size` bytes; `path` is for the messages, `layer` the name of the layer to read, if not the default.
+/// Reads the open `file` of `file_size` bytes; `path` is for messages, `layer` names the layer if it is
+/// not the default.
 pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>) -> Result<Picture> {
     let reader = exr::block::read(BufReader::new(file), false).map_err(|e| invalid(path, "header", &e))?;
     check_headers(path, reader.headers(), file_size)?;
@@ -73,7 +77,7 @@ pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>)
     Ok(Picture { image, layout, remarks })
 }
 
-/// The display window of a picture of which the data window was read.
+/// Converts the data window to the display window.
 fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark>) -> Result<Image> {
     let IntegerBounds { position: origin, size } = header.shared_attributes.display_window;
     let position = header.own_attributes.layer_position;
@@ -89,7 +93,7 @@ fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark
     let mut image = Image::black(width, height);
     let left = i64::from(position.x()) - i64::from(origin.x());
     let top = i64::from(position.y()) - i64::from(origin.y());
-    // Columns of the data that are in the display window.
+    // Columns of the data inside the display window.
     let first = (-left).clamp(0, data.width as i64) as usize;
     let last = (width as i64 - left).clamp(first as i64, data.width as i64) as usize;
     for (row, pixels) in data.pixels.chunks_exact(data.width).enumerate() {
@@ -119,7 +123,7 @@ struct Decoder {
     source: Source,
     /// All channels of the part.
     channels: ChannelList,
-    /// How many values of 16 bits were infinite.
+    /// Number of infinite half-precision values.
     overflown: usize,
 }
 
@@ -142,7 +146,7 @@ impl Decoder {
                 .map_err(|reason| Error::invalid(path, "pixels", reason))?;
             let block = UncompressedBlock::decompress_chunk(chunk, &meta_data, false);
             let block = block.map_err(|e| invalid(path, "pixels", &e))?;
-            // The table has one entry for each block that is wanted, so that none is missing if none comes twice.
+            // The table has one entry per wanted block, so none is missing if none is repeated.
             let wanted = block.index.layer == part && block.index.level == Vec2(0, 0);
             if !wanted || !blocks_read.insert((block.index.pixel_position.x(), block.index.pixel_position.y())) {
                 return Err(Error::invalid(path, "offset table", "an entry leads to a block of another place"));
@@ -155,7 +159,8 @@ impl Decoder {
     }
 }
 
-/// Copies a row of samples of one channel to every colour that is read from it, and counts infinite values of 16 bits.
+/// Copies a row of samples of one channel to every colour that uses it, and counts infinite
+/// half-precision values.
 fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef, overflown: &mut usize) {
     let Vec2(x, y) = line.location.position;
     let start = y * image.width + x;
@@ -170,7 +175,7 @@ fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &Line
                 for (to, &from) in stored.zip(line.value.as_chunks().0) {
                     let value = f16::from_ne_bytes(from);
                     *overflown += usize::from(value.is_infinite());
-                    // NaN stays.
+                    // NaN is kept.
                     *to = value.clamp(f16::MIN, f16::MAX).to_f32();
                 }
             }
@@ -186,7 +191,7 @@ fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &Line
     }
 }
 
-/// Refuses what would make reading allocate, or loop, far beyond what the file can hold.
+/// Rejects headers that would make reading allocate or loop far beyond what the file can hold.
 fn check_headers(path: &Path, headers: &[Header], file_size: u64) -> Result<()> {
     let mut blocks = 0_usize;
     for header in headers {
@@ -211,7 +216,7 @@ fn check_headers(path: &Path, headers: &[Header], file_size: u64) -> Result<()> 
         }
         blocks = blocks.saturating_add(header.chunk_count);
     }
-    // Each block has 8 bytes in the offset table, then at least its row (4), its byte count (4) and a byte.
+    // Each block has 8 bytes in the offset table, and at least its row (4), its byte count (4) and a byte.
     let least = (blocks as u64).saturating_mul(17);
     if file_size < least {
         let reason = format!("{blocks} blocks of pixels take at least {least} bytes, the file has {file_size}");
@@ -220,12 +225,12 @@ fn check_headers(path: &Path, headers: &[Header], file_size: u64) -> Result<()> 
     Ok(())
 }
 
-/// How many bytes of pixels a byte of a file can stand for.
+/// Upper bound on the bytes of pixels per byte of a file.
 ///
-/// Deflate, inside of most methods, codes 258 bytes by two bits at best: 1032 (<https://zlib.net/zlib_tech.html>); PXR24 leaves out a quarter
-/// of each number before. A run of RLE takes two bytes
-/// for 128, a flat block of B44A three for 32. DWA codes 64 pixels by one coefficient before deflate: a black picture of 8192 x 4096 takes
-/// some 10 kB of 200 MB.
+/// Deflate, used by most methods, codes 258 bytes in at least two bits: 1032
+/// (<https://zlib.net/zlib_tech.html>); PXR24 first drops 25 % of each number. A run of RLE takes two
+/// bytes for 128, a flat block of B44A three for 32. DWA codes 64 pixels by one coefficient before
+/// deflate: a black picture of 8192 x 4096 takes about 10 kB instead of 200 MB.
 fn best_ratio(compression: Compression) -> u64 {
     match compression {
         Compression::Uncompressed => 1,
@@ -238,7 +243,7 @@ fn best_ratio(compression: Compression) -> u64 {
 fn invalid(path: &Path, field: &str, error: &exr::error::Error) -> Error {
     use exr::error::Error as Exr;
     match error {
-        // The crate's words for an unexpected end of file.
+        // The crate's message for an unexpected end of file.
         Exr::Invalid(what) if what == "reference to missing bytes" => {
             Error::invalid(path, field, "the file ends too early")
         }

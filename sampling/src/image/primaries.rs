@@ -1,4 +1,4 @@
-//! Colours of other primaries, converted to linear Rec.709.
+//! Conversion of colours of other primaries to linear Rec.709.
 
 use glam::{DMat3, DVec3};
 
@@ -7,21 +7,21 @@ use glam::{DMat3, DVec3};
 pub(super) struct Primaries {
     /// Red, green and blue.
     pub colors: [[f64; 2]; 3],
-    /// The white that equal values stand for.
+    /// The white of equal values.
     pub white: [f64; 2],
 }
 
-/// Chromaticities that differ by less are the same: three digits are what headers are written with.
+/// Chromaticities that differ by less are equal: headers are written with three digits.
 const TOLERANCE: f64 = 1e-3;
 
-/// The white of equal energy, that of Radiance.
+/// The white of equal energy, as in Radiance.
 const EQUAL_ENERGY: [f64; 2] = [1.0 / 3.0, 1.0 / 3.0];
 
 impl Primaries {
     /// Rec.709, which is also sRGB.
     pub const REC_709: Self = Self { colors: [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06]], white: [0.3127, 0.3290] };
 
-    /// The tristimulus values themselves.
+    /// The primaries of XYZ.
     pub const XYZ: Self = Self { colors: [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], white: EQUAL_ENERGY };
 
     fn is_near(&self, other: &Self) -> bool {
@@ -29,12 +29,12 @@ impl Primaries {
         numbers(self).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < TOLERANCE)
     }
 
-    /// The matrix to linear Rec.709, `None` where there is nothing to do.
+    /// The matrix to linear Rec.709; `None` if no conversion is needed.
     ///
-    /// White stays white: where the whites differ, they are adapted by the method of Bradford (Lam 1985), as colour management does. Primaries
-    /// of XYZ itself are no colour space with a white, and are not adapted.
+    /// White stays white: different whites are adapted by the Bradford method (Lam 1985), as in colour
+    /// management. The primaries of XYZ are not a colour space with a white, and are not adapted.
     ///
-    /// The error is the end of a sentence that begins with the field of the header.
+    /// The error is a clause that follows the name of the header's field.
     pub fn to_rec_709(self) -> Result<Option<DMat3>, String> {
         if self.is_near(&Self::REC_709) {
             return Ok(None);
@@ -49,7 +49,7 @@ impl Primaries {
         })
     }
 
-    /// From RGB to XYZ: equal values of 1 are the white of luminance 1.
+    /// The matrix from RGB to XYZ: equal values of 1 are the white of luminance 1.
     fn to_xyz(self) -> Option<DMat3> {
         let colors = DMat3::from_cols_array_2d(&self.colors.map(|[x, y]| [x, y, 1.0 - x - y]));
         let scale = invert(colors)? * xyz_of(self.white)?;
@@ -57,9 +57,9 @@ impl Primaries {
     }
 }
 
-/// The adaptation of tristimulus values from a white to that of Rec.709.
+/// The matrix that adapts tristimulus values from a white to that of Rec.709.
 fn adaptation(white: [f64; 2]) -> Option<DMat3> {
-    // From XYZ to sharpened responses of the eye's cones.
+    // From XYZ to sharpened cone responses.
     const BRADFORD: DMat3 = DMat3::from_cols_array(&[
         0.8951, -0.7502, 0.0389, //
         0.2664, 1.7135, -0.0685, //
@@ -85,7 +85,7 @@ pub(super) fn convert(pixels: &mut [[f32; 3]], matrix: &DMat3) {
     }
 }
 
-/// From the tristimulus values of Radiance's files, whose white is that of equal energy.
+/// The matrix from tristimulus values of Radiance files, whose white is that of equal energy.
 pub(super) fn radiance_xyz_to_rec_709() -> Option<DMat3> {
     Some(invert(Primaries::REC_709.to_xyz()?)? * adaptation(EQUAL_ENERGY)?)
 }
@@ -98,7 +98,7 @@ mod tests {
         Primaries { colors: [[0.713, 0.293], [0.165, 0.83], [0.128, 0.044]], white: [0.32168, 0.33767] };
 
     #[test]
-    fn rec_709_is_left_alone() {
+    fn rec_709_is_not_converted() {
         assert_eq!(Primaries::REC_709.to_rec_709(), Ok(None));
         let rounded = Primaries { white: [0.313, 0.329], ..Primaries::REC_709 };
         assert_eq!(rounded.to_rec_709(), Ok(None));
@@ -112,9 +112,9 @@ mod tests {
         assert!((matrix * DVec3::ONE - DVec3::ONE).abs().max_element() < 1e-6);
     }
 
-    /// The matrix that the Academy publishes (ACEScg to linear Rec.709 with Bradford's adaptation).
+    /// The matrix published by the Academy (ACEScg to linear Rec.709 with Bradford adaptation).
     #[test]
-    fn aces_has_its_published_matrix() {
+    fn aces_cg_gives_the_published_matrix() {
         let matrix = ACES_CG.to_rec_709().unwrap().unwrap();
         let published = DMat3::from_cols_array(&[
             1.70505, -0.13026, -0.02400, -0.62179, 1.14080, -0.12897, -0.08326, -0.01055, 1.15297,
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn primaries_on_a_line_are_refused() {
+    fn collinear_primaries_are_rejected() {
         let line = Primaries { colors: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]], ..Primaries::REC_709 };
         assert!(line.to_rec_709().unwrap_err().contains("no primaries"));
         for white in [[0.3, 0.0], [f64::NAN, 0.3]] {

@@ -1,7 +1,9 @@
-//! Reading Radiance pictures (`#?RADIANCE`, `#?RGBE`): headers and resolution strings as Radiance means them.
+//! Reading Radiance pictures (`#?RADIANCE`, `#?RGBE`), with headers and resolution strings as defined
+//! by Radiance.
 //!
-//! `EXPOSURE` and `COLORCORR`, which may come several times, are divided out. `PRIMARIES` other than Rec.709 are converted; all zeros stand for
-//! none. Rows may go in any of the eight directions. Lines may end as on any system.
+//! `EXPOSURE` and `COLORCORR`, which may be repeated, are divided out. `PRIMARIES` other than Rec.709
+//! are converted; all zeros mean none. All eight orientations of scan lines and both line endings
+//! (LF, CR LF) are read.
 
 use std::fs::File;
 use std::io::Read;
@@ -16,21 +18,23 @@ use super::{Image, Picture};
 use crate::error::{Error, Result};
 use crate::remark::Remark;
 
-/// The longest header that is read, in bytes.
+/// Maximum length of a header, in bytes.
 const MAX_HEADER: usize = 1 << 20;
 
-/// The largest file that is read, in bytes: twice what the largest image takes without coding.
+/// Number of bytes that are read at most: twice the uncompressed size of the largest image.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Runs of runs could code any row by a few bytes. What writers make of a constant picture has about a thousand pixels to a byte.
+/// Nested runs could code any row in a few bytes. Actual writers reach about a thousand pixels per byte
+/// for a constant picture.
 const MOST_PIXELS_PER_BYTE: u64 = 1 << 12;
 
-/// Whether a file that starts so is a Radiance picture: by its first line, or, of old programs, by its format.
+/// Whether a file with this start is a Radiance picture, by its first line or, for old programs, by its
+/// format.
 pub(super) fn is_radiance(start: &[u8]) -> bool {
     start.starts_with(b"#?") || start.split(|&byte| byte == b'\n').any(|line| line.starts_with(b"FORMAT=32-bit_rle_"))
 }
 
-/// Reads the open `file` of `file_size` bytes; `path` is for the messages.
+/// Reads the open `file` of `file_size` bytes; `path` is for messages.
 pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Picture> {
     let mut bytes = Vec::new();
     file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|source| Error::io(path, source))?;
@@ -62,9 +66,9 @@ pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Picture> {
     Ok(Picture { image, layout: None, remarks })
 }
 
-/// What a header says of the values.
+/// The entries of a header that affect values.
 struct Header {
-    /// The product of all exposures and colour corrections: what radiance was multiplied by.
+    /// The product of all exposures and colour corrections, by which the stored radiance is multiplied.
     scale: [f64; 3],
     primaries: Option<Primaries>,
     is_xyz: bool,
@@ -72,7 +76,7 @@ struct Header {
 }
 
 impl Header {
-    /// Reads up to the empty line after the header. The error is the end of a sentence, here and below.
+    /// Reads up to the empty line after the header. Errors are clauses, here and below.
     fn read(rest: &mut &[u8]) -> std::result::Result<Self, String> {
         let mut header = Self { scale: [1.0; 3], primaries: None, is_xyz: false, gamma: 1.0 };
         let length = rest.len();
@@ -113,7 +117,7 @@ impl Header {
                 _ => return wrong(),
             },
             "PRIMARIES" => match numbers().as_deref() {
-                // Written by programs that do not know them.
+                // Written by programs without knowledge of the primaries.
                 Some([]) => {}
                 Some(numbers) if numbers.iter().all(|&number| number == 0.0) => {}
                 Some(&[rx, ry, gx, gy, bx, by, wx, wy]) => {
@@ -130,7 +134,7 @@ impl Header {
         Ok(())
     }
 
-    /// What the values are multiplied by to be linear Rec.709 radiance, and what is to be said of it.
+    /// The matrix from values to linear Rec.709 radiance, and remarks about it.
     fn conversion(&self) -> std::result::Result<(Option<DMat3>, Vec<Remark>), String> {
         let mut remarks = Vec::new();
         let mut matrix = None;
@@ -161,7 +165,7 @@ impl Header {
     }
 }
 
-/// The next line without its end.
+/// Takes the next line, without its line ending.
 fn next_line(rest: &mut &[u8]) -> std::result::Result<String, String> {
     let end = rest.iter().take(MAX_HEADER).position(|&byte| byte == b'\n').ok_or("the file ends too early")?;
     let line = rest[..end].strip_suffix(b"\r").unwrap_or(&rest[..end]);
@@ -170,19 +174,19 @@ fn next_line(rest: &mut &[u8]) -> std::result::Result<String, String> {
     Ok(text)
 }
 
-/// In which order pixels come: lines, and the pixels of a line.
+/// The order of pixels in a file: of lines, and within a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Resolution {
     lines: usize,
     length: usize,
     /// Whether a line is a column of the image.
     is_column: bool,
-    /// Whether rows go from the bottom up, and columns from the right.
+    /// Whether rows go from bottom to top, and columns from right to left.
     flips: [bool; 2],
 }
 
 impl Resolution {
-    /// Reads `-Y 512 +X 1024` or one of the other seven forms.
+    /// Parses `-Y 512 +X 1024` or one of the other seven forms.
     fn parse(line: &str) -> std::result::Result<Self, String> {
         let wrong = || {
             format!("'{}' is no size such as -Y 512 +X 1024", line.chars().take(60).collect::<String>().escape_debug())
@@ -203,7 +207,7 @@ impl Resolution {
         if self.is_column { (self.lines, self.length) } else { (self.length, self.lines) }
     }
 
-    /// Where pixel `k` of a line is in the image.
+    /// The index in the image of pixel `k` of a line.
     fn index(&self, line: usize, k: usize) -> usize {
         let (width, height) = self.size();
         let (x, y) = if self.is_column { (line, k) } else { (k, line) };
@@ -213,7 +217,8 @@ impl Resolution {
     }
 }
 
-/// The fewest bytes that can code a line: one pixel, then runs of 255, 255 * 256, ... copies of it, 4 bytes each.
+/// The minimum size of a coded line in bytes: one pixel, then runs of 255, 255 * 256, ... copies, 4
+/// bytes each.
 fn least_line_bytes(length: usize) -> u64 {
     let (mut bytes, mut covered, mut run) = (4, 1, 255_usize);
     while covered < length {

@@ -1,4 +1,4 @@
-//! Reading radiance maps, whatever the file is called: the first bytes tell the format.
+//! Reading radiance maps, with the format detected from the first bytes.
 
 use std::io::{Read, Seek};
 use std::path::Path;
@@ -12,17 +12,18 @@ use crate::remark::Remark;
 
 /// The first bytes of every OpenEXR file.
 const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
-/// The most that is read of a file to tell its format.
+/// Number of bytes read to detect the format.
 const MAGIC_BYTES: u64 = 4096;
 
-/// What a file of radiance holds.
+/// The content of a radiance file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Linear Rec.709 values. NaN, infinite and negative ones stay, because what to do about them depends on the use.
+    /// Linear Rec.709 values. NaN, infinite and negative values are kept, since their handling depends
+    /// on the use.
     pub image: Image,
-    /// How directions lie in the picture, where the file says so.
+    /// The layout of directions in the picture, if the file has one.
     pub layout: Option<MapLayout>,
-    /// What was converted, chosen or repaired.
+    /// Remarks on conversions, choices and repairs.
     pub remarks: Vec<Remark>,
 }
 
@@ -36,14 +37,16 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
 
 /// Reads a Radiance (.hdr) or OpenEXR (.exr) file.
 ///
-/// Colours of other primaries become Rec.709, the exposure and the colour correction of a Radiance header are divided out, and of an OpenEXR
-/// file the display window is read. `layer` names the layer of an OpenEXR file (or the end of its name); without it R, G and B are read, or else
-/// the layer that is called as pictures are.
+/// Colours of other primaries are converted to Rec.709, the exposure and the colour correction of a
+/// Radiance header are divided out, and the display window of an OpenEXR file is read. `layer` is the
+/// name of a layer of an OpenEXR file, or the end of it; by default R, G and B are read, or else the
+/// layer with a usual name of a picture.
 ///
 /// # Errors
-/// [`Error::Io`] if the file cannot be read or is none, but a folder, a pipe or a device; [`Error::Invalid`], naming the field, if it is
-/// neither format, is damaged, holds no colour or no such layer, or has more than [`super::MAX_PIXELS`] pixels. No content of a file makes
-/// this function panic (unless panics abort).
+/// [`Error::Io`] if the file cannot be read or is a folder, a pipe or a device; [`Error::Invalid`],
+/// naming the field, if it has neither format, is damaged, holds no colour or no such layer, or has
+/// more than [`super::MAX_PIXELS`] pixels. No content of a file makes this function panic (unless
+/// panics abort).
 pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
     let failed = |source| Error::io(path, source);
     let (mut file, file_size) = open_regular(path).map_err(failed)?;
@@ -75,8 +78,9 @@ pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
 
 /// Turns a panic of a decoder into an error.
 ///
-/// What headers and blocks promise is checked before, and the tests' damaged files never get here in a release build. But deep inside
-/// compressed blocks the decoders count on well-formed data: with overflow checks on, B44 blocks of `exr` 1.74 that end too early do panic.
+/// Sizes in headers and blocks are checked before, and the tests' damaged files do not panic in a
+/// release build. But inside compressed blocks, decoders assume well-formed data: with overflow checks,
+/// truncated B44 blocks panic in `exr` 1.74.
 fn checked(path: &Path, read: impl FnOnce() -> Result<Picture>) -> Result<Picture> {
     without_panic(read).unwrap_or_else(|| Err(Error::invalid(path, "pixels", "they are damaged")))
 }

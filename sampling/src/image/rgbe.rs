@@ -1,6 +1,6 @@
-//! Lines of pixels with a common exponent (Ward 1991): flat, and in Radiance's old and new run-length coding.
+//! Lines of shared-exponent pixels (Ward 1991): flat, and in Radiance's old and new run-length coding.
 
-/// Widths that the new coding has a form for.
+/// Widths that the new coding supports.
 const CODED_WIDTHS: std::ops::RangeInclusive<usize> = 8..=32_767;
 
 const TOO_SHORT: &str = "the file ends too early";
@@ -21,7 +21,8 @@ pub(super) fn read_line(rest: &mut &[u8], line: &mut [[u8; 4]]) -> Result<(), St
     }
 }
 
-/// One component of all pixels in the new coding: counts above 128 are runs of one byte, others are so many bytes.
+/// Reads one component of all pixels in the new coding: counts above 128 are runs of one byte, others
+/// are numbers of literal bytes.
 fn read_component(rest: &mut &[u8], line: &mut [[u8; 4]], component: usize) -> Result<(), String> {
     let mut filled = 0;
     while filled < line.len() {
@@ -41,7 +42,8 @@ fn read_component(rest: &mut &[u8], line: &mut [[u8; 4]], component: usize) -> R
     Ok(())
 }
 
-/// Pixels one by one; `1 1 1 n` repeats the last one n times, and directly after such a one `n << 8` times, and so on.
+/// Reads pixels of the old coding: `1 1 1 n` repeats the last pixel n times, a second one in a row
+/// `n << 8` times, and so on.
 fn read_pixels(rest: &mut &[u8], line: &mut [[u8; 4]]) -> Result<(), String> {
     let (mut filled, mut shift) = (0, 0);
     while filled < line.len() {
@@ -63,7 +65,7 @@ fn read_pixels(rest: &mut &[u8], line: &mut [[u8; 4]]) -> Result<(), String> {
     Ok(())
 }
 
-/// The value of a pixel.
+/// Decodes a pixel.
 pub(super) fn to_linear([r, g, b, exponent]: [u8; 4]) -> [f32; 3] {
     if exponent == 0 {
         return [0.0; 3];
@@ -84,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_that_look_like_a_coded_line_are_pixels_where_the_width_has_no_coding() {
+    fn narrow_lines_are_never_in_the_new_coding() {
         let pixels = [[2, 2, 0, 6], [7, 8, 9, 10], [2, 2, 0, 6], [1, 2, 3, 4], [2, 2, 0, 6], [5, 5, 5, 5]];
         assert_eq!(lines(pixels.as_flattened(), 6).unwrap(), pixels);
     }
@@ -94,13 +96,13 @@ mod tests {
         let mut bytes = vec![9, 8, 7, 130];
         bytes.extend([1, 1, 1, 3, 1, 1, 1, 1]);
         assert_eq!(lines(&bytes, 1 + 3 + 256).unwrap(), vec![[9, 8, 7, 130]; 260]);
-        // An empty run still counts as one.
+        // An empty run still counts as a run.
         bytes[7] = 0;
         assert_eq!(lines(&bytes, 257).unwrap().len(), 257);
     }
 
     #[test]
-    fn runs_beyond_a_line_are_refused() {
+    fn runs_beyond_a_line_are_rejected() {
         let old = |runs: usize| [[9, 8, 7, 130]].into_iter().chain(std::iter::repeat_n([1, 1, 1, 255], runs));
         for runs in [1, 2, 5, 9, 20] {
             let bytes: Vec<[u8; 4]> = old(runs).collect();

@@ -1,14 +1,14 @@
-//! How large an image may be.
+//! The size limit of images.
 
 use std::path::Path;
 
 use crate::error::{Error, Result};
 use crate::memory;
 
-/// The largest number of pixels that is read, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
+/// Maximum number of pixels, 2^27: a map of 16384 x 8192, or 1.6 GB in memory.
 pub const MAX_PIXELS: usize = 1 << 27;
 
-/// Refuses sizes that are not worth an allocation.
+/// Rejects empty images, and those of more than [`MAX_PIXELS`] pixels or the available memory.
 pub(super) fn check_size(path: &Path, field: &str, width: usize, height: usize) -> Result<()> {
     match width.checked_mul(height) {
         Some(pixels @ 1..=MAX_PIXELS) => {

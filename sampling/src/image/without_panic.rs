@@ -1,18 +1,18 @@
-//! Decoders of other crates that may panic on damaged data.
+//! Calls of third-party decoders that may panic on damaged data.
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
 use std::sync::Once;
 
 thread_local! {
-    /// Whether this thread is inside of a decoder.
+    /// Whether this thread is inside a decoder.
     static DECODING: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Runs a decoder in this thread; `None` if it panics.
 ///
-/// Nothing is printed of such a panic. For that the process's panic hook is wrapped, once; panics outside of decoders go to the
-/// hook that was there. Where panics abort, this one does too.
+/// Such a panic prints nothing: the process's panic hook is wrapped, once, and panics outside decoders
+/// go to the original hook. If panics abort, this one does too.
 pub fn without_panic<T>(decode: impl FnOnce() -> T) -> Option<T> {
     static WRAP_HOOK: Once = Once::new();
     WRAP_HOOK.call_once(|| {
@@ -34,13 +34,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_panic_of_a_decoder_is_none() {
+    fn decoder_panics_return_none() {
         assert_eq!(without_panic(|| 3), Some(3));
         assert_eq!(without_panic::<i32>(|| panic!("of a decoder")), None);
         assert!(!DECODING.get());
     }
 
-    /// What the next test runs in a process of its own: a panic that is kept quiet, then one that is not.
+    /// Run by the next test in a process of its own: a silenced panic, then one that is printed.
     #[test]
     #[should_panic(expected = "of the program")]
     fn panics_of_both_kinds() {

@@ -1,4 +1,4 @@
-//! The choice of patches: where a map is divided so that few rectangles describe light x cosine.
+//! Chooses patches: divides a map so that few rectangles describe light x cosine.
 
 use std::{cmp::Ordering, collections::BinaryHeap};
 
@@ -7,13 +7,13 @@ use glam::{DVec3, Vec3};
 use super::moments::MomentMap;
 use crate::tail::{Hierarchical, Node};
 
-/// Normals for which the description is judged.
+/// Number of normals for which the description is evaluated.
 const NORMALS: usize = 96;
-/// A node is judged by its parts this many levels below.
+/// A node is evaluated by its parts this many levels below.
 const LEVELS: u32 = 8;
-/// The least side of a patch's rectangle of Y: 16 steps of f32 below 1.
+/// Smallest side of a patch's rectangle in Y: 16 steps of f32 below 1.
 const LEAST_SIDE: f32 = 1.0 / (1 << 20) as f32;
-/// The light that falls on the normals is summed over parts this many levels below the root.
+/// Irradiance of normals is summed over parts this many levels below the root.
 const IRRADIANCE_LEVELS: u32 = 11;
 
 /// Chooses patches greedily.
@@ -21,11 +21,11 @@ pub struct Choice<'a> {
     map: &'a MomentMap<'a>,
     tail: &'a Hierarchical,
     normals: [[f32; NORMALS]; 3],
-    /// Light that falls on each normal.
+    /// Irradiance for each normal.
     irradiance: [f64; NORMALS],
 }
 
-/// A node with what is gained by dividing it.
+/// A node with the gain of dividing it.
 struct Candidate {
     gain: f64,
     node: Node,
@@ -68,12 +68,13 @@ impl<'a> Choice<'a> {
         choice
     }
 
-    /// At most `count` nodes that tile the lit part of `start`, in the order of the tree: so that few describe light x cosine.
+    /// Returns at most `count` nodes that tile the lit part of `start`, in tree order, chosen to describe
+    /// light x cosine.
     pub fn divide(&self, start: Node, count: usize) -> Vec<Node> {
         self.divide_by(start, count, |node| self.gain(node))
     }
 
-    /// The same, so that the largest product of energy and variance of directions is small.
+    /// The same, chosen to minimize the largest product of energy and variance of directions.
     pub fn divide_by_spread(&self, start: Node, count: usize) -> Vec<Node> {
         let spread = |node| {
             let moments = self.map.moments(node);
@@ -95,8 +96,9 @@ impl<'a> Choice<'a> {
         in_tree_order(start, &chosen)
     }
 
-    /// What is lost when a node is one patch: the sum over normals of what the root mean square of the cosine exceeds its mean by, relative to all light that
-    /// falls on the normal. With the root mean square as mass, this is the excess of the standard deviation.
+    /// Returns the loss of keeping a node as one patch: the sum over normals of the excess of the cosine's
+    /// root mean square over its mean, relative to the irradiance of the normal. With the root mean square as
+    /// mass, this is the excess of the standard deviation.
     fn gain(&self, node: Node) -> f64 {
         if !self.is_divisible(node) {
             return 0.0;
@@ -111,18 +113,18 @@ impl<'a> Choice<'a> {
         gain
     }
 
-    /// Whether a node has halves that can be told apart.
+    /// Whether the halves of a node can be distinguished.
     fn is_divisible(&self, node: Node) -> bool {
         !node.is_cell() && node.children().into_iter().all(|child| self.is_resolved(child))
     }
 
-    /// Whether a dark node, or one whose rectangle of Y holds enough different points.
+    /// Whether a node is dark, or its rectangle of Y contains enough distinct points.
     fn is_resolved(&self, node: Node) -> bool {
         let [left, right, top, bottom] = self.tail.rectangle(node);
         self.map.moments(node).energy == 0.0 || (right - left).min(bottom - top) >= LEAST_SIDE
     }
 
-    /// For each normal the light of a node's parts, times their clamped cosine and times its square.
+    /// Returns for each normal the light of a node's parts times the clamped cosine, and times its square.
     fn cosine_sums(&self, node: Node, levels: u32) -> ([f32; NORMALS], [f32; NORMALS]) {
         let (mut first, mut second) = ([0.0; NORMALS], [0.0; NORMALS]);
         for part in node.descendants(levels) {
@@ -142,7 +144,7 @@ impl<'a> Choice<'a> {
     }
 }
 
-/// The chosen nodes, depth first.
+/// Returns the chosen nodes depth first.
 fn in_tree_order(start: Node, chosen: &[Node]) -> Vec<Node> {
     let all: std::collections::HashSet<Node> = chosen.iter().copied().collect();
     let (mut ordered, mut stack) = (Vec::with_capacity(chosen.len()), vec![start]);

@@ -1,4 +1,4 @@
-//! Drawing from patches, and the density with which they draw: kernels over columns.
+//! Sampling from patches, and its density: kernels over columns.
 
 use glam::{Vec2, Vec3};
 
@@ -16,39 +16,40 @@ use crate::{
     visibility::Weighting,
 };
 
-/// The largest and the least share of BRDF sampling for a lobe, by its width alone.
+/// Largest and smallest mixture weight of BRDF sampling for a lobe, by its width alone.
 const MOST_BRDF: f32 = 0.9;
 const LEAST_BRDF: f32 = 0.03;
-/// The odds of BRDF sampling under a sky of one brightness, for a lobe of width 1: their logarithm. The powers of width and unevenness of the
-/// light by which they fall.
+/// Log odds of BRDF sampling under a uniform sky for a lobe of width 1, and the exponents with which the odds
+/// fall with the lobe's width and with the unevenness of the light.
 const ODDS_AT_ONE: f32 = -4.35;
 const ODDS_BY_WIDTH: f32 = 2.14;
 const ODDS_BY_LIGHT: f32 = 1.92;
-/// The least share of BRDF sampling for a lobe of width 0.1 and more, and the power by which it rises for narrower ones: their masses are further from
-/// the truth, and where a lamp is in shadow they know nothing of what is left.
+/// Smallest mixture weight of BRDF sampling for lobes of width 0.1 and above, and the exponent with which it
+/// rises for narrower ones: their masses are less accurate, and ignore the remaining light where a lamp is in
+/// shadow.
 const LEAST_BRDF_SEEN: f32 = 0.02;
 const LEAST_BY_WIDTH: f32 = 3.0;
 const MOST_LEAST: f32 = 0.5;
-/// What counts as the range of unevenness: masses are no exact integrals.
+/// Range to which unevenness is clamped, as masses are not exact integrals.
 const LEAST_UNEVENNESS: f32 = 0.1;
 const MOST_UNEVENNESS: f32 = 1e6;
 /// The logarithm of 0.1.
 const LN_TENTH: f32 = -std::f32::consts::LN_10;
-/// The least reflectance that counts for the share.
+/// Smallest reflectance assumed for the mixture weight.
 const LEAST_REFLECTED: f32 = 0.3;
 
-/// State of a shading point: its [`Reflection`]'s lobes, the number of its weights, its share beside BRDF sampling, then the running sums of the
-/// masses of the clusters.
+/// State of a shading point: its [`Reflection`]'s lobes, the index of its weights, its mixture weight beside
+/// BRDF sampling, then the running sums of the masses of the clusters.
 pub(super) const COLUMNS: usize = SUMS + CLUSTERS;
 pub(super) const LOBES: usize = 4;
-/// The column of the numbers of weights.
+/// The column of the indices of weights.
 pub(super) const WEIGHTS: usize = LOBES;
-/// The column of the shares beside BRDF sampling.
+/// The column of the mixture weights beside BRDF sampling.
 pub(super) const SHARE: usize = WEIGHTS + 1;
-/// Where running sums begin.
+/// The first column of running sums.
 pub(super) const SUMS: usize = SHARE + 1;
 
-/// What the shading points of a strip reflect.
+/// Reflections of the shading points of a strip.
 pub(super) struct Reflections<'a> {
     n: [Lanes; 3],
     wo: [Lanes; 3],
@@ -87,7 +88,8 @@ impl<'a> Reflections<'a> {
 }
 
 vectorized! {
-    /// The running sums of the clusters' masses, and the shares beside BRDF sampling; the lobes are there.
+    /// Computes the running sums of the clusters' masses and the mixture weights beside BRDF sampling, from
+    /// the lobes in `state`.
     pub(super) fn prepare['a, W: Weighting](simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a mut [Lanes]) {
         for (strip, state) in state.chunks_exact_mut(COLUMNS).enumerate() {
             let (lobes, sums) = state.split_at_mut(SUMS);
@@ -145,7 +147,7 @@ vectorized! {
     }
 }
 
-/// The running sums of the weighted masses of the parts of a patch for one shading point.
+/// Returns the running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
 pub(super) fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
     let patch = |k| Patch::load(block, k);
@@ -168,7 +170,7 @@ pub(super) fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weight
     masses
 }
 
-/// Where lanes are on their way down.
+/// Positions of lanes in the descent.
 struct Path {
     /// The number of the patch in its level.
     number: [u32; LANES],
@@ -176,13 +178,13 @@ struct Path {
     cuts: Cuts,
 }
 
-/// Whether lanes go on to twigs.
+/// Whether a lane descends to twigs.
 #[inline(always)]
 fn goes_on(patches: &Patches, lobes: &[Lanes], lane: usize) -> bool {
     lobes[3][lane] < patches.narrow
 }
 
-/// One level down for the lanes that go on.
+/// Descends one level for the lanes that `goes_on` selects.
 #[inline(always)]
 fn step<S: Simd, A: Aim>(
     simd: S,
@@ -210,7 +212,7 @@ fn step<S: Simd, A: Aim>(
     }
 }
 
-/// The share of BRDF sampling for a lobe by its width alone.
+/// Returns the mixture weight of BRDF sampling for a lobe by its width alone.
 ///
 /// Fitted to the least relative variance over maps and views: 0.5 at alpha = 0.05, 0.2 at 0.1, 0.09 at 0.2 and 0.04 at 0.4.
 #[inline(always)]
@@ -220,12 +222,14 @@ fn by_width(alpha: f32) -> f32 {
     if of_lobe > LEAST_BRDF { of_lobe } else { LEAST_BRDF }
 }
 
-/// The share of samples beside BRDF sampling: all for diffuse surfaces, else the more, the wider a lobe is against the patches, and the more uneven
-/// the light is that it sees.
+/// Returns the mixture weight of patches beside BRDF sampling: 1 for diffuse surfaces, otherwise larger for
+/// lobes that are wider relative to the patches and for more uneven light.
 ///
-/// `sum` is what is reflected, `squared` the same weighted by the density of the light. BRDF sampling draws in proportion to what is reflected of a white
-/// sky, so that their ratio is 1 plus the relative variance of its weights. The odds were fitted to the least variance of the mixture over maps and views,
-/// relative to each view and in absolute terms alike: pictures are judged by the latter, in which views that see a lamp count.
+/// `sum` is the reflected light, `squared` the same weighted by the density of the light. BRDF sampling draws
+/// in proportion to the reflection of a white sky, so their ratio is 1 plus the relative variance of its
+/// weights. The odds are fitted to the least variance of the mixture over maps and views, both relative to
+/// each view and absolute: absolute variance is what images are judged by, and views that see a lamp dominate
+/// it.
 #[inline(always)]
 fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
     let grazing = 1.0 - at.cos_o;
@@ -242,24 +246,26 @@ fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
     let least = LEAST_BRDF_SEEN * simd::exp(LEAST_BY_WIDTH * narrower);
     let least = if least < MOST_LEAST { least } else { MOST_LEAST };
     let of_lobe = odds / (1.0 + odds);
-    // Under a broad sky BRDF sampling alone would have the least variance of independent points, but the least error of Sobol's has a mixture.
+    // Under a broad sky BRDF sampling alone would have the lowest variance with independent points, but with
+    // Sobol points a mixture has the lowest error.
     let by_width = by_width(at.alpha);
     let of_lobe = if of_lobe < by_width { of_lobe } else { by_width };
     let of_lobe = if of_lobe > least { of_lobe } else { least };
     share_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
 }
 
-/// The share beside BRDF sampling of a surface, from the share of the latter for its glossy lobe alone.
+/// Returns the mixture weight beside BRDF sampling of a surface, from that of BRDF sampling for its glossy
+/// lobe alone.
 #[inline(always)]
 fn share_beside_lobe(of_lobe: f32, diffuse: f32, specular: f32, f0: f32) -> f32 {
-    // A diffuse lobe needs no BRDF sampling; of a dielectric, a third is reflected at grazing angles.
+    // A diffuse lobe needs no BRDF sampling; a dielectric reflects about 30 % at grazing angles.
     let reflected = specular * if f0 > LEAST_REFLECTED { f0 } else { LEAST_REFLECTED };
     let share = 1.0 - of_lobe * reflected / (reflected + diffuse);
     if specular > 0.0 { share } else { 1.0 }
 }
 
 vectorized! {
-    /// The share of samples beside BRDF sampling that heads start from: by the width of lobes alone.
+    /// Computes the mixture weights beside BRDF sampling that heads start from, by the width of lobes alone.
     pub(super) fn shares_by_width['a](_simd, lobes: [&'a [Lanes]; LOBES], out: &'a mut [Lanes]) {
         for strip in 0..out.len() {
             let [diffuse, specular, f0, alpha] = [lobes[0][strip], lobes[1][strip], lobes[2][strip], lobes[3][strip]];
@@ -272,14 +278,14 @@ vectorized! {
     }
 }
 
-/// The share of a mass in all; 0 where there is nothing to draw.
+/// Returns a mass as a fraction of the total; 0 where there is nothing to draw.
 #[inline(always)]
 fn share(mass: f32, all: f32) -> f32 {
     let share = mass / all;
     if (mass > 0.0) & (all > 0.0) { share } else { 0.0 }
 }
 
-/// Goes down the levels to what `aims` at them say, with the state of one strip.
+/// Descends the levels to the patches that `aims` select, with the state of one strip.
 #[inline(always)]
 fn walk<S: Simd, A: Aim, W: Weighting>(
     simd: S,
@@ -312,7 +318,8 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
     (path, narrow)
 }
 
-/// The rectangles of Y that lanes have come to: left, right, top, bottom, and one over their energy.
+/// Returns the rectangles in Y that lanes have reached: left, right, top, bottom, and the reciprocal of their
+/// energy.
 #[inline(always)]
 fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes; 5] {
     let mut rectangles = [[0.0; LANES]; 5];
@@ -327,7 +334,7 @@ fn rectangles(patches: &Patches, path: &Path, narrow: &[bool; LANES]) -> [Lanes;
 }
 
 vectorized! {
-    /// Carries uniform points `z` to points of Y, with their densities over Y: 0 where there is nothing to draw.
+    /// Maps uniform points `z` to points of Y, with their densities over Y: 0 where there is nothing to draw.
     pub(super) fn sample['a, W: Weighting](
         simd, patches: &'a Patches, weighting: &'a W, at: &'a Rows<'a>, state: &'a [Lanes],
         z: [&'a [Lanes]; 2], y: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
@@ -348,8 +355,9 @@ vectorized! {
 }
 
 vectorized! {
-    /// The inverse of [`sample`]: points of Y with their images `x` in X, which say what patch they are of, to the points `z` that are carried
-    /// to them, and the densities over Y. Where that is 0, no point is.
+    /// Inverts [`sample`]: maps points `y` of Y, with their images `x` in X by which patches are found, to
+    /// the points `z` that map to them, with the densities over Y. Where the density is 0, no point maps to
+    /// `y`.
     pub(super) fn invert['a, W: Weighting](
         simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
         x: [&'a [Lanes]; 2], y: [&'a [Lanes]; 2], z: [&'a mut [Lanes]; 2], q: &'a mut [Lanes],
@@ -376,7 +384,7 @@ vectorized! {
     }
 }
 
-/// A place in the interval from `from` to `to`, and never `to` itself, which belongs to the next patch.
+/// Interpolates from `from` to `to`, excluding `to` itself, which belongs to the next patch.
 #[inline(always)]
 pub(super) fn within(from: f32, to: f32, inside: f32) -> f32 {
     let place = from + (to - from) * inside;
@@ -384,7 +392,7 @@ pub(super) fn within(from: f32, to: f32, inside: f32) -> f32 {
 }
 
 vectorized! {
-    /// The density over Y at the points of Y that are carried to points `x` of X.
+    /// Computes the density over Y at the points of Y that map to points `x` of X.
     pub(super) fn density['a, W: Weighting](
         simd, patches: &'a Patches, weighting: &'a W, grid: &'a BilinearDensity, at: &'a Rows<'a>, state: &'a [Lanes],
         x: [&'a [Lanes]; 2], q: &'a mut [Lanes],
@@ -416,7 +424,7 @@ vectorized! {
     }
 }
 
-/// The share of a part, of running sums.
+/// Returns a part's fraction of the total, from running sums.
 #[inline(always)]
 fn share_of(sums: &Lanes, place: usize) -> f32 {
     share(sums[place] - if place == 0 { 0.0 } else { sums[place - 1] }, sums[PARTS - 1])

@@ -3,10 +3,11 @@
 use super::{PARTS, Patches, mass::Block};
 use crate::{flat::FlatArray, simd::LANES};
 
-/// Numbers of a patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one of its own, and 0.
+/// Numbers per patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one extra
+/// number, and 0.
 const NUMBERS: usize = 16;
 
-/// The patches of blocks one after the other, each with a number of its own.
+/// Lists the patches of blocks, each with an extra number `own`.
 fn records(blocks: &[Block], own: impl Fn(usize) -> f32) -> Vec<f32> {
     let mut records = Vec::with_capacity(blocks.len() * LANES * NUMBERS);
     for (number, block) in blocks.iter().enumerate() {
@@ -19,18 +20,20 @@ fn records(blocks: &[Block], own: impl Fn(usize) -> f32) -> Vec<f32> {
 }
 
 impl Patches {
-    /// All that a draw and a pdf read.
+    /// Returns all arrays that sampling and pdf read.
     ///
-    /// - `patches.clusters` `[32, 16]`, `patches.leaves` `[32 * 16, 16]`, `patches.twigs` `[512 * 16, 16]`: the energy that masses are computed from,
-    ///   which is the share of the map's light; centroid; three times the covariance xx, yy, zz, and twice that xy, xz, yz; reach, mahalanobis, cell, variance;
-    ///   of leaves and twigs one over that share, of clusters the mean density of their light over solid angle; 0. What is not there is 0.
+    /// - `patches.clusters` `[32, 16]`, `patches.leaves` `[32 * 16, 16]`, `patches.twigs` `[512 * 16, 16]`:
+    ///   the energy, as a fraction of the map's light; centroid; three times the covariance xx, yy, zz, and
+    ///   twice that xy, xz, yz; reach, mahalanobis, cell, variance; for leaves and twigs the reciprocal of
+    ///   the energy, for clusters the mean density of their light over solid angle; 0. Missing patches are 0.
     /// - `patches.leaf_rectangles` `[512, 4]`, `patches.twig_rectangles` `[8192, 4]`: left, right, top, bottom in Y.
-    /// - `patches.forest` `[splits]`: trees of splits; bits 0 to 6 are the place of the first patch of the second half, bit 7 says that columns are cut, bits
-    ///   8 to 15 and 16 to 23 are the halves from the root on, bit 24 says that it is a single patch.
-    /// - `patches.roots` `[1 + 32 + 512]`: where the trees over clusters, leaves and twigs begin.
+    /// - `patches.forest` `[splits]`: trees of splits; bits 0 to 6 are the place of the first patch of the
+    ///   second half, bit 7 is set if columns are cut, bits 8 to 15 and 16 to 23 are the halves relative to
+    ///   the root, bit 24 is set for a single patch.
+    /// - `patches.roots` `[1 + 32 + 512]`: the roots of the trees over clusters, leaves and twigs.
     /// - `patches.twig_of_cell` `[rows, columns]`: the number of the twig of each cell of the map.
-    /// - `patches.small` `[1]`: how many of the clusters are small lights, which come first.
-    /// - `patches.narrow` `[1]`: lobes narrower than this go on to twigs.
+    /// - `patches.small` `[1]`: the number of clusters that are small lights, which come first.
+    /// - `patches.narrow` `[1]`: the lobe width below which twigs are used.
     pub fn flat(&self, columns: usize, rows: usize) -> Vec<FlatArray> {
         let mut clusters = vec![Block::default(); 2];
         for (number, patch) in self.clusters.iter().enumerate() {

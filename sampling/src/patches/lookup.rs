@@ -1,10 +1,10 @@
-//! Which patch a cell of the map belongs to.
+//! Finds the patch of a cell of the map.
 
 use std::collections::HashMap;
 
 use crate::tail::Node;
 
-/// Most nodes of the level at which a search begins.
+/// Logarithm of the largest number of nodes of the level at which a search begins.
 const TOP_BITS: u32 = 13;
 /// Marks the number of a patch; other numbers are nodes.
 const IS_PATCH: u16 = 1 << 15;
@@ -14,14 +14,14 @@ const IS_PATCH: u16 = 1 << 15;
 pub struct Lookup {
     /// The node, or patch, of each rectangle of the top level.
     top: Vec<u16>,
-    /// Rectangles in a row of it.
+    /// Rectangles in a row of the top level.
     width: u32,
     /// The logarithms of their sides.
     bits: [u32; 2],
     nodes: Vec<Halves>,
 }
 
-/// A node: the bit of the column or row that tells its halves apart, and these.
+/// A node: the bit of the column or row that tells its halves apart, and the halves.
 #[derive(Clone, Copy, Debug)]
 struct Halves {
     is_column: bool,
@@ -30,7 +30,8 @@ struct Halves {
 }
 
 impl Lookup {
-    /// The lookup of patches with their numbers (below 32768). What belongs to none is dark; it gets the number 0.
+    /// The lookup of patches with their numbers (below 32768). Cells outside all patches are dark and get the
+    /// number 0.
     pub fn new(root: Node, patches: &HashMap<Node, u16>) -> Self {
         let mut shape = root;
         while root.width_bits + root.height_bits - shape.width_bits - shape.height_bits < TOP_BITS && !shape.is_cell() {
@@ -78,7 +79,7 @@ impl Lookup {
         }
     }
 
-    /// The number of a node or patch, with all below it.
+    /// Returns the number of a node or patch, after adding all nodes below it.
     fn entry(&mut self, node: Node, patches: &HashMap<Node, u16>, above: &std::collections::HashSet<Node>) -> u16 {
         if let Some(patch) = patches.get(&node) {
             return IS_PATCH | patch;

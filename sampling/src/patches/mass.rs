@@ -1,4 +1,5 @@
-//! The mass of a patch for a shading point: its light times the reflected share of it, in closed form from the patch's moments.
+//! The mass of a patch for a shading point: its light times the reflected fraction of it, in closed form from
+//! the patch's moments.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -10,29 +11,29 @@ use crate::{
     tail::Node,
 };
 
-/// What a mass is computed from.
+/// The quantities from which the mass of a patch is computed.
 #[derive(Clone, Copy, Debug)]
 pub struct Patch {
-    /// The share of the map's light.
+    /// Fraction of the map's light.
     energy: f32,
-    /// The mean direction, shorter than 1.
+    /// The mean direction, of length below 1.
     centroid: Vec3,
     /// Three times the covariance of directions: xx, yy, zz; then twice xy, xz, yz.
     squares: Vec3,
     mixed: Vec3,
     /// The largest distance of a direction from the centroid.
     reach: f32,
-    /// The same in the metric of the spread, and what a cell adds to it.
+    /// The same in the metric of the spread, and the addition for the size of a cell.
     mahalanobis: f32,
     cell: f32,
     /// The variance of directions, along all axes.
     variance: f32,
 }
 
-/// Patches side by side, structure of arrays: energies first.
+/// Patches as a structure of arrays, energies first.
 pub type Block = [Lanes; 14];
 
-/// What a shading point reflects, in closed form: a diffuse lobe and a Trowbridge-Reitz lobe.
+/// Reflection of a shading point in closed form: a diffuse lobe and a Trowbridge-Reitz lobe.
 #[derive(Clone, Copy, Debug)]
 pub struct Reflection {
     /// Shading normal.
@@ -51,19 +52,19 @@ pub struct Reflection {
     pub alpha: f32,
 }
 
-/// What counts as the cosine to a viewer along the surface.
+/// Lower bound of the cosine to the viewer.
 pub const LEAST_COS_O: f32 = 1e-4;
-/// The least share of the upper bound of the cosine that a patch has: it bounds weights.
+/// Smallest clamped cosine of a leaf as a fraction of its upper bound; bounds sample weights.
 const LEAF_FLOOR: f32 = 0.15;
-/// The same of a cluster.
+/// The same for a cluster.
 const CLUSTER_FLOOR: f32 = 0.045;
-/// The least share of a glossy lobe's patch that counts as visible.
+/// Smallest fraction of a patch that counts as above the horizon for a glossy lobe.
 const LEAST_VISIBLE: f32 = 0.02;
-/// The least of the upper bound that the largest cosine counts as.
+/// Smallest upper end of the interval of cosines, as a fraction of their upper bound.
 const LEAST_TOP: f32 = 0.2;
-/// The least of three variances: what f32 leaves of a difference of squares.
+/// Added to three times the variance: the f32 rounding error of a difference of squares.
 const LEAST_VARIANCE: f32 = 3e-7;
-/// A share of a step between points of the map, more than half of its diagonal.
+/// Bound on half of the diagonal between points of the map, in steps.
 const HALF_DIAGONAL: f64 = 0.8;
 
 impl Patch {
@@ -72,7 +73,7 @@ impl Patch {
         let moments = map.moments(node);
         let (s, covariance) = (moments.centroid(), moments.covariance());
         let cell = HALF_DIAGONAL * map.step();
-        // Uniform on an interval of half width a, the cosine has a variance of a^2 / 3.
+        // A cosine that is uniform on an interval of half width a has a variance of a^2 / 3.
         let spread = 3.0 * covariance;
         let regular = spread + DMat3::from_diagonal(glam::DVec3::splat(f64::from(LEAST_VARIANCE)));
         let inverse = regular.inverse();
@@ -90,7 +91,7 @@ impl Patch {
             squares: diagonal.as_vec3(),
             mixed: 2.0 * Vec3::new(spread.col(0)[1] as f32, spread.col(0)[2] as f32, spread.col(1)[2] as f32),
             reach: (reach + cell) as f32,
-            // Beyond f32's rounding of what it is multiplied with.
+            // Exceeds the f32 rounding of its factor.
             mahalanobis: 1.001 * mahalanobis.max(0.0).sqrt() as f32,
             cell: cell as f32,
             variance: (diagonal.element_sum() / 3.0) as f32,
@@ -102,7 +103,7 @@ impl Patch {
         self.variance
     }
 
-    /// Puts it into a lane of a block.
+    /// Stores the patch in a lane of a block.
     pub fn store(&self, block: &mut Block, lane: usize) {
         let vectors = [self.centroid, self.squares, self.mixed].into_iter().flat_map(|vector| vector.to_array());
         let rest = [self.reach, self.mahalanobis, self.cell, self.variance];
@@ -111,7 +112,7 @@ impl Patch {
         }
     }
 
-    /// The patch in a lane of a block.
+    /// Loads the patch in a lane of a block.
     #[inline(always)]
     pub fn load(block: &Block, lane: usize) -> Self {
         Self {
@@ -126,33 +127,33 @@ impl Patch {
         }
     }
 
-    /// Three times the variance of `t . w` over the patch.
+    /// Returns three times the variance of `t . w` over the patch.
     #[inline(always)]
     fn spread<S: Simd>(&self, simd: S, t: Vec3) -> f32 {
-        // Each component times what it meets in its row of the symmetric matrix.
+        // Each component times its row of the upper triangle of the symmetric matrix.
         let first = fused(simd, t.y, self.mixed.x, fused(simd, t.z, self.mixed.y, t.x * self.squares.x));
         let second = fused(simd, t.z, self.mixed.z, t.y * self.squares.y);
         let third = t.z * self.squares.z;
         larger(fused(simd, t.x, first, fused(simd, t.y, second, t.z * third)), 0.0)
     }
 
-    /// The interval of cosines over the patch, as if they were uniform on it.
+    /// Returns the interval of cosines over the patch, as if they were uniform on it.
     #[inline(always)]
     pub fn cosines<S: Simd>(&self, simd: S, n: Vec3) -> Cosines {
         let mean = dot(simd, n, self.centroid);
         let half_width = (self.spread(simd, n) + LEAST_VARIANCE).sqrt();
-        // By the Cauchy-Schwarz inequality no direction is farther than that along n.
+        // By the Cauchy-Schwarz inequality, no direction is farther along n.
         let reach = smaller(fused(simd, self.mahalanobis, half_width, self.cell), self.reach);
         Cosines { mean, half_width, bound: mean + reach }
     }
 
-    /// The mass for a diffuse surface.
+    /// Returns the mass for a diffuse surface.
     #[inline(always)]
     pub fn diffuse_mass<S: Simd, const LEAF: bool>(&self, simd: S, n: Vec3) -> f32 {
         self.energy * self.cosines(simd, n).clamped::<LEAF>()
     }
 
-    /// The direction to the middle of the part of the patch that is above the horizon.
+    /// Returns the middle of the part of the patch above the horizon.
     #[inline(always)]
     fn middle<S: Simd>(&self, simd: S, n: Vec3, cosines: &Cosines) -> Middle {
         let (visible, cos_i) = cosines.visible();
@@ -166,19 +167,21 @@ impl Patch {
         Middle { w: w * scale, cos_i: smaller(larger(cos_i * scale, 1e-4), 1.0), visible }
     }
 
-    /// Half vectors between the viewer and the patch: their middle, and their spread added to a lobe's width.
+    /// Returns the half vectors between the viewer and the patch: their middle, and their spread added to a
+    /// lobe's width.
     #[inline(always)]
     fn half_vectors<S: Simd>(&self, simd: S, at: &Reflection, middle: &Middle) -> HalfVectors {
         let Middle { w, cos_i, .. } = *middle;
         let cos_o = at.cos_o;
         let cos = smaller(dot(simd, at.wo, w), 1.0 - 1e-6);
-        // The squared cosine of half of the angle between both directions; one over it, and over the squared sine of the whole.
+        // The squared cosine of half of the angle between both directions; its reciprocal, and that of the
+        // squared sine of the whole angle.
         let squared_half = larger(fused(simd, 0.5, cos, 0.5), 1e-3);
         let away = 1.0 - cos;
         let both = 1.0 / (squared_half * away);
         let (per_half, per_squared_sine) = (away * both, 0.5 * both);
         let squared_cos_h = smaller((cos_i + cos_o) * (cos_i + cos_o) * (0.25 * per_half), 1.0);
-        // Half vectors spread by half of what directions do in the plane of incidence, across it by more.
+        // In the plane of incidence, half vectors spread half as much as directions; across it, more.
         let across = Vec3::new(
             fused(simd, at.wo.y, w.z, -(at.wo.z * w.y)),
             fused(simd, at.wo.z, w.x, -(at.wo.x * w.z)),
@@ -198,14 +201,14 @@ impl Patch {
     }
 }
 
-/// Where the part of a patch is that is above the horizon.
+/// The part of a patch that is above the horizon.
 #[derive(Clone, Copy)]
 struct Middle {
-    /// The direction to it.
+    /// Direction to its middle.
     w: Vec3,
-    /// Its cosine to the normal.
+    /// Cosine between the direction and the normal.
     cos_i: f32,
-    /// How much of the patch it is.
+    /// Its fraction of the patch.
     visible: f32,
 }
 
@@ -214,7 +217,7 @@ struct Middle {
 struct HalfVectors {
     /// The squared cosine between the middle one and either direction.
     squared_half: f32,
-    /// The same to the normal.
+    /// The squared cosine between the middle one and the normal.
     squared_cos_h: f32,
     /// The squared tilt of the middle one out of the plane of incidence.
     tilt_across: f32,
@@ -223,8 +226,8 @@ struct HalfVectors {
     over: f32,
 }
 
-/// The Trowbridge-Reitz lobe times cosine in the middle of the part of a patch that is above the horizon, widened by the spread of half vectors over
-/// the patch.
+/// Evaluates the Trowbridge-Reitz lobe times cosine in the middle of the part of a patch above the horizon,
+/// widened by the spread of half vectors over the patch.
 #[inline(always)]
 fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, half: &HalfVectors) -> f32 {
     let (cos_i, cos_o) = (middle.cos_i, at.cos_o);
@@ -233,10 +236,11 @@ fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, ha
     // D = 1 / (pi a b (cos^2 + x^2 / a^2 + y^2 / b^2)^2), with along = a^2 and over = b^2, over a common denominator.
     let product = along * over;
     let scaled = fused(simd, squared_cos_h, product, fused(simd, tilt_along, over, tilt_across * along));
-    // Smith's shadowing as Hammon (2017) has it without roots: G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo, n.wi + n.wo, alpha)).
+    // Smith's shadowing in the root-free form of Hammon (2017): G2 / (4 n.wi n.wo) = 1 / (2 mix(2 n.wi n.wo,
+    // n.wi + n.wo, alpha)).
     let (smooth, rough) = (2.0 * cos_i * cos_o, cos_i + cos_o);
     let shadowing = 2.0 * fused(simd, at.alpha, rough - smooth, smooth);
-    // (1 - cos)^5 is near to (1 - cos^2)^12.
+    // (1 - cos^2)^12 approximates (1 - cos)^5.
     let x = 1.0 - squared_half;
     let fourth = (x * x) * (x * x);
     let fresnel = fused(simd, 1.0 - at.f0, fourth * fourth * fourth, at.f0);
@@ -245,10 +249,12 @@ fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, ha
     share * fresnel * lobe
 }
 
-/// The masses of patches for shading points, one of either or as many as there are lanes; that of a surface without a lobe is [`Patch::diffuse_mass`]. Surfaces
-/// that reflect nothing diffusely may do without `DIFFUSE`, for the same masses.
+/// Computes the masses of patches for shading points: one of either, or one per lane. For surfaces without a
+/// glossy lobe, use [`Patch::diffuse_mass`]. For surfaces without diffuse reflection, `DIFFUSE` may be false,
+/// with equal masses.
 ///
-/// In four loops, since each step waits for roots and divisions of the one before: a processor sees all lanes of one at once.
+/// Four loops, because each step waits for the roots and divisions of the previous one: within a loop, the
+/// processor overlaps the lanes.
 #[inline(always)]
 pub fn masses<S: Simd, const LEAF: bool, const DIFFUSE: bool>(
     simd: S,
@@ -288,7 +294,7 @@ pub fn masses<S: Simd, const LEAF: bool, const DIFFUSE: bool>(
     masses
 }
 
-/// Numbers for each lane, as columns.
+/// Evaluates `numbers` for each lane, as columns.
 #[inline(always)]
 fn for_lanes<const N: usize>(numbers: impl Fn(usize) -> [f32; N]) -> [Lanes; N] {
     let mut columns = [[0.0; LANES]; N];
@@ -301,13 +307,13 @@ fn for_lanes<const N: usize>(numbers: impl Fn(usize) -> [f32; N]) -> [Lanes; N] 
     columns
 }
 
-/// One lane of columns.
+/// Returns one lane of columns.
 #[inline(always)]
 fn lane<const N: usize>(columns: &[Lanes; N], k: usize) -> [f32; N] {
     columns.each_ref().map(|column| column[k])
 }
 
-/// The largest of numbers: by halves, so that no chain of comparisons is waited for.
+/// Returns the largest number, by halving, which avoids a chain of dependent comparisons.
 #[inline(always)]
 pub fn highest(numbers: &Lanes) -> f32 {
     let (mut largest, mut count) = (*numbers, LANES / 2);
@@ -325,15 +331,15 @@ pub fn highest(numbers: &Lanes) -> f32 {
 pub struct Cosines {
     /// The mean.
     pub mean: f32,
-    /// Half of the width of the interval of the same variance.
+    /// Half width of the interval with the same variance.
     pub half_width: f32,
-    /// No direction has a larger one.
+    /// Upper bound of all cosines.
     pub bound: f32,
 }
 
 impl Cosines {
-    /// The clamped cosine: its root mean square for a leaf, its mean for a cluster. At least a share of its upper bound, and 0 where
-    /// that is 0.
+    /// Returns the clamped cosine: its root mean square for a leaf, its mean for a cluster; at least a
+    /// fraction of its upper bound, and 0 where the bound is not positive.
     #[inline(always)]
     fn clamped<const LEAF: bool>(&self) -> f32 {
         let Self { mean, half_width, bound } = *self;
@@ -349,7 +355,7 @@ impl Cosines {
         if bound > 0.0 { larger(value, floor) } else { 0.0 }
     }
 
-    /// The share of the interval that is above the horizon, and the mean cosine there.
+    /// Returns the fraction of the interval above the horizon, and the mean cosine there.
     #[inline(always)]
     fn visible(&self) -> (f32, f32) {
         let top = larger(smaller(self.mean + self.half_width, self.bound), LEAST_TOP * self.bound);
@@ -359,19 +365,19 @@ impl Cosines {
     }
 }
 
-/// The scalar product.
+/// Returns the scalar product.
 #[inline(always)]
 fn dot<S: Simd>(simd: S, a: Vec3, b: Vec3) -> f32 {
     fused(simd, a.x, b.x, fused(simd, a.y, b.y, a.z * b.z))
 }
 
-/// The larger of two numbers, of which the first may be none.
+/// Returns the larger of two numbers; `b` if `a` is NaN.
 #[inline(always)]
 fn larger(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
 }
 
-/// The smaller of two numbers, of which the first may be none.
+/// Returns the smaller of two numbers; `b` if `a` is NaN.
 #[inline(always)]
 fn smaller(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
@@ -394,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn no_direction_of_a_patch_has_a_larger_cosine_than_its_bound() {
+    fn cosines_of_a_patch_are_within_its_bound() {
         let density = density();
         let map = MomentMap::new(&density);
         let mut random = Stream::new(3, Purpose::Test, 0);
@@ -410,7 +416,7 @@ mod tests {
                 map.each_direction(node, |_, w| {
                     let cosine = n.dot(w.as_vec3());
                     assert!(cosine <= bound + 1e-6, "{node:?} {n}: {cosine} {bound}");
-                    // So no weight exceeds 1 / 0.15 of what the leaf's share is worth.
+                    // This bounds sample weights by 1 / 0.15 relative to the leaf's mass.
                     assert!(mass >= (LEAF_FLOOR - 1e-6) * cosine, "{node:?} {n}: {mass} {cosine}");
                 });
             }
@@ -436,7 +442,7 @@ mod tests {
                 let at = Reflection { n, wo, cos_o: n.dot(wo), diffuse: 0.0, specular: 1.0, f0: 1.0, alpha: 0.7 };
                 let expected = crate::brdf::Ggx::new(0.7, Vec3::ONE).lobe_cosine(n, wo, w);
                 let ratio = masses::<_, true, false>(Scalar, |_| patch, |_| at)[3] / patch.energy / expected;
-                // Shadowing is Hammon's, within 10 %; widening by the cell's spread some 5 %.
+                // Hammon's shadowing is within 10 %; widening by the cell's spread contributes about 5 %.
                 assert!((0.8..1.25).contains(&ratio), "{node:?} {n} {wo}: {ratio}");
             }
         }

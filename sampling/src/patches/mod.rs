@@ -1,12 +1,13 @@
-//! Patches of sky: product sampling without a table and without training.
+//! Patches of sky: product sampling without tables and without training.
 //!
-//! A map is divided into rectangles: clusters, leaves within each cluster, and twigs within each leaf. A patch has its energy and the
-//! first two moments of its directions; from these the light that a surface reflects of it follows in closed form (`mass.rs`). A draw picks a
-//! cluster, then a leaf, then (for narrow lobes) a twig in proportion to these masses, and lets the tail draw within it: the density over Y is
-//! constant on a patch.
+//! A map is divided into rectangles: clusters, leaves within each cluster, and twigs within each leaf. A
+//! patch stores its energy and the first two moments of its directions; the light from it that a surface
+//! reflects follows in closed form (`mass.rs`). A draw picks a cluster, then a leaf, then (for narrow lobes)
+//! a twig in proportion to these masses, and the tail samples within it: the density over Y is constant on a
+//! patch.
 //!
-//! A draw is a warp of the square of uniform points, so that a head may go before it: Z → U → Y → X by head, patches and tail. The head then learns
-//! only what the closed form leaves over.
+//! A draw is a warp of the square of uniform points, so that a head can precede it: Z → U → Y → X by head,
+//! patches and tail. The head then learns only the residual of the closed form.
 //!
 //! The square of uniform points is cut along the tree in which the map is halved, so that neighbouring points stay neighbours and
 //! low-discrepancy points keep their strata.
@@ -15,7 +16,7 @@
 //! | --- | --- |
 //! | `moments.rs` | moments of the light over rectangles of the map |
 //! | `choice.rs` | where the map is divided |
-//! | `mass.rs` | the light that a surface reflects of a patch |
+//! | `mass.rs` | the light from a patch that a surface reflects |
 //! | `tree.rs` | cutting the square along the tree of the map |
 //! | `draw.rs` | preparation, sampling and density over columns |
 //! | `lookup.rs` | the patch of a cell of the map |
@@ -62,21 +63,22 @@ use crate::{
     visibility::{CLUSTERS, Division, PATCHES, Unoccluded, Weighting},
 };
 
-/// Most leaves of a cluster, and most twigs of a leaf: as many as there are lanes, as a point looks at all of them at once.
+/// Largest number of leaves of a cluster and of twigs of a leaf: one per lane, as a point evaluates all of
+/// them at once.
 const PARTS: usize = LANES;
 
 /// How finely patches divide the light.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Detail {
-    /// Twigs for narrow lobes only: where noise is visibility's, leaves are enough.
+    /// Twigs for narrow lobes only: where visibility dominates noise, leaves are enough.
     Leaves,
-    /// Twigs for all surfaces: less variance where nothing is in shadow, and dearer samples.
+    /// Twigs for all surfaces: less variance where nothing is in shadow, but more expensive samples.
     Twigs,
 }
 
 impl Detail {
-    /// Lobes narrower than this go on to twigs.
+    /// Lobe width below which twigs are used.
     fn narrow(self) -> f32 {
         match self {
             Self::Leaves => 0.3,
@@ -88,7 +90,7 @@ impl Detail {
 /// The patches of a map.
 #[derive(Clone, Debug)]
 pub struct Patches {
-    /// Lobes narrower than this go on to twigs; a diffuse surface counts as one of width 1.
+    /// Lobe width below which twigs are used; a diffuse surface counts as a lobe of width 1.
     narrow: f32,
     clusters: Vec<Patch>,
     /// The mean density over solid angle of the light of each cluster, see [`moments::Moments::brightness`].
@@ -96,29 +98,29 @@ pub struct Patches {
     leaves: Level,
     twigs: Level,
     forest: Forest,
-    /// How many of the clusters are small lights, which come first and get a share of samples of their own.
+    /// Number of clusters that are small lights; these come first and get a fraction of samples of their own.
     small: usize,
-    /// The number of each cluster in the order of the map, which learned visibility counts by.
+    /// The number of each cluster in the order of the map, by which learned visibility is indexed.
     numbers: Vec<usize>,
     /// The tree over the clusters.
     root: u32,
-    /// A tree of one patch, for lanes that stay where they are.
+    /// A tree of one patch, for lanes that do not descend.
     rest: u32,
     lookup: Lookup,
 }
 
-/// The parts of all patches of the level above, [`PARTS`] numbers for each.
+/// The parts of all patches of the level above, [`PARTS`] for each.
 #[derive(Clone, Debug, Default)]
 struct Level {
     blocks: Vec<Block>,
     /// The trees over the parts.
     roots: Vec<u32>,
-    /// The rectangle of Y of each part: left, right, top, bottom; and one over its energy.
+    /// The rectangle of each part in Y: left, right, top, bottom; and the reciprocal of its energy.
     rectangles: Vec<[f32; 5]>,
 }
 
 impl Level {
-    /// Divides patches; their parts with the numbers that these have, too.
+    /// Divides patches; also returns their parts and the numbers of these.
     fn new(
         (map, tail): (&MomentMap<'_>, &Hierarchical),
         above: &[(usize, Node)],
@@ -156,13 +158,13 @@ impl Level {
 }
 
 impl Patches {
-    /// The patches of a sampler that has no head before it. Where noise is visibility's ([`Detail::Leaves`]), small lights get a share of the samples of their own
-    /// (`patches/small_lights.rs`).
+    /// The patches of a sampler without a head. With [`Detail::Leaves`], where visibility dominates noise,
+    /// small lights get a fraction of samples of their own (`patches/small_lights.rs`).
     pub fn alone(tail: &Hierarchical, detail: Detail) -> Self {
         Self::divided(tail, detail, detail == Detail::Leaves)
     }
 
-    /// Divides the light of a quad-tree tail. All of it is drawn as its light says.
+    /// Divides the light of a quad-tree tail; all patches are drawn in proportion to their masses.
     pub fn new(tail: &Hierarchical, detail: Detail) -> Self {
         Self::divided(tail, detail, false)
     }
@@ -173,7 +175,7 @@ impl Patches {
         let of_map = choice.divide(map.root(), CLUSTERS);
         let is_small = |cluster: &usize| by_quarters && small_lights::is_small(&map, of_map[*cluster]);
         let (small, rest): (Vec<usize>, Vec<usize>) = (0..of_map.len()).partition(is_small);
-        // Without a rest there is nothing to divide samples by.
+        // Without other clusters there is nothing to divide samples between.
         let small_lights = if rest.is_empty() { 0 } else { small.len() };
         let numbers = [small, rest].concat();
         let clusters: Vec<Node> = numbers.iter().map(|&cluster| of_map[cluster]).collect();
@@ -203,7 +205,7 @@ impl Patches {
 }
 
 impl Patches {
-    /// Computes what depends on shading points alone: `state` has [`COLUMNS`] lanes for each strip.
+    /// Computes the state of shading points, [`COLUMNS`] lanes for each strip.
     fn prepare<W: Weighting>(&self, weighting: &W, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
         let mut columns = arena.columns::<{ LOBES + 1 }>(at.strips());
         let [a, b, c, d, weights] = columns.get_mut();
@@ -218,8 +220,8 @@ impl Patches {
     }
 }
 
-/// Draws directions by the patches of a light. It covers the whole integrand, but glossy lobes are narrower than patches: there it belongs into
-/// a mixture with BRDF sampling, in which it asks for a share that depends on the lobe.
+/// Samples directions by the patches of a light. It covers the whole integrand, but glossy lobes can be
+/// narrower than patches: combine it with BRDF sampling, in which its mixture weight depends on the lobe.
 #[derive(Clone, Debug)]
 pub struct PatchSampler {
     light: EnvironmentLight,
@@ -231,14 +233,14 @@ impl PatchSampler {
     /// The sampler of a light.
     ///
     /// # Errors
-    /// Its tail is not a quad-tree, in which alone a rectangle of the map is one of Y.
+    /// The tail is not a quad-tree, which makes rectangles of the map rectangles of Y.
     pub fn new(light: EnvironmentLight, detail: Detail) -> Result<Self> {
         let patches = Arc::new(Patches::alone(quad_tree(&light)?, detail));
         Ok(Self { light, patches, head: None })
     }
 
-    /// The sampler of a light with a head before the patches, of which it draws what they leave over. If it has learned a share beside BRDF sampling, that is
-    /// a factor of the odds of patches.
+    /// The sampler of a light with a head before the patches, which samples their residual. A mixture weight
+    /// that the head has learned is a factor of the odds of patches.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -252,7 +254,8 @@ impl PatchSampler {
         WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
     }
 
-    /// The patches that weights are given for, in the order of the map, with their shares of light; 0 of those that there are not.
+    /// The patches that weights refer to, in the order of the map, with their fractions of the light; 0 for
+    /// missing patches.
     pub fn division(&self) -> Division {
         let mut energies = vec![0.0; PATCHES];
         for (block, number) in self.patches.leaves.blocks.iter().zip(&self.patches.numbers) {
@@ -261,12 +264,12 @@ impl PatchSampler {
         Division::new(energies)
     }
 
-    /// The patches of [`Self::division`] that directions belong to.
+    /// Returns the patch of [`Self::division`] of each direction.
     pub fn patches_of(&self, wi: &[Vec3A]) -> Vec<u16> {
         wi.iter().map(|&wi| self.patch_at(latlong::square(wi))).collect()
     }
 
-    /// The patch of [`Self::division`] that a point of X belongs to.
+    /// Returns the patch of [`Self::division`] of a point of X.
     pub fn patch_at(&self, x: Vec2) -> u16 {
         let (column, row, _) = self.light.tail().light().cell(x);
         let leaf = self.patches.lookup.patch(column as u32, row as u32) as usize / PARTS;
@@ -274,7 +277,7 @@ impl PatchSampler {
     }
 }
 
-/// The tail in which a rectangle of the map is one of Y.
+/// Returns the tail if it is a quad-tree, in which a rectangle of the map is a rectangle of Y.
 fn quad_tree(light: &EnvironmentLight) -> Result<&Hierarchical> {
     match &**light.tail() {
         Tail::Hierarchical(tail) => Ok(tail),
@@ -354,7 +357,7 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
         }
     }
 
-    /// A head has learned what the light around the lobe means for the share.
+    /// With a head, the mixture weight comes from the head instead.
     fn has_share_in_state(&self) -> bool {
         self.head.is_none()
     }
@@ -370,7 +373,7 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
     }
 }
 
-/// Multiplies densities with others.
+/// Multiplies densities by others.
 fn multiply(by: &mut [Lanes], others: &[Lanes]) {
     for (density, other) in by.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
         *density *= other;

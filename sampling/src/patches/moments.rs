@@ -7,15 +7,15 @@ use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use crate::{environment::BilinearDensity, simd, tail::Node};
 
-/// Light of a rectangle: its energy, and that times the first and second moments of its directions.
+/// Light of a rectangle: its energy, and the energy times the first and second moments of its directions.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Moments {
-    /// The share of the map's light.
+    /// Fraction of the map's light.
     pub energy: f64,
     first: DVec3,
     /// xx, yy, zz, xy, xz, yz.
     second: [f64; 6],
-    /// Times its density over solid angle.
+    /// Energy times the density over solid angle.
     squared: f64,
 }
 
@@ -30,7 +30,8 @@ impl Add for Moments {
 }
 
 impl Moments {
-    /// Light of a direction with its density over solid angle, spread around it with a variance of `variance` in either tangent.
+    /// Light from direction `w` with its density over solid angle, spread around it with variance `variance`
+    /// along either tangent.
     fn of(energy: f64, density: f64, w: DVec3, variance: f64) -> Self {
         let keep = 1.0 - variance;
         let second = [
@@ -44,12 +45,13 @@ impl Moments {
         Self { energy, first: energy * w, second: second.map(|moment| energy * moment), squared: energy * density }
     }
 
-    /// The mean direction, shorter than 1.
+    /// The mean direction, of length below 1.
     pub fn centroid(&self) -> DVec3 {
         self.first / self.energy
     }
 
-    /// The mean density over solid angle of its light, as it is met by what is drawn in proportion to the light: in 1/sr.
+    /// The mean density of its light over solid angle for directions drawn in proportion to the light, in
+    /// 1/sr.
     pub fn brightness(&self) -> f64 {
         self.squared / self.energy
     }
@@ -62,9 +64,9 @@ impl Moments {
     }
 }
 
-/// Most nodes of a level whose moments are kept; those below are summed when they are asked for.
+/// Levels with more than 2^17 nodes are not stored; their moments are summed on request.
 const KEPT_BITS: u32 = 17;
-/// Cells of maps with fewer rows than this are looked at in more than one point.
+/// Cells of maps with fewer rows than this are evaluated at more than one point.
 const LEAST_ROWS: usize = 128;
 
 /// The moments of all nodes of a map.
@@ -111,7 +113,7 @@ impl<'a> MomentMap<'a> {
         self.root
     }
 
-    /// The distance of neighbouring points at which a map is looked at, in radians at most.
+    /// Largest distance between neighbouring evaluation points of the map, in radians.
     pub fn step(&self) -> f64 {
         let (columns, rows) = (self.density.columns() as f64, self.density.rows() as f64);
         (std::f64::consts::PI / rows).max(std::f64::consts::TAU / columns) / self.points as f64
@@ -124,7 +126,7 @@ impl<'a> MomentMap<'a> {
         level[(node.row >> node.height_bits) as usize * width + (node.column >> node.width_bits) as usize]
     }
 
-    /// Calls `visit` for the directions of a node at which there is light, with its share of the whole.
+    /// Calls `visit` with each direction of a node at which there is light, and its fraction of the whole.
     pub fn each_direction(&self, node: Node, mut visit: impl FnMut(f64, DVec3)) {
         let (columns, rows) = (self.density.columns(), self.density.rows());
         let side = self.points;
@@ -172,7 +174,7 @@ impl<'a> MomentMap<'a> {
         parent
     }
 
-    /// A level of nodes of a shape from the level below.
+    /// Sums the level below to a level of nodes of `shape`.
     fn coarser(&self, shape: Node, finer: &[Moments]) -> Vec<Moments> {
         let width = 1_usize << (self.root.width_bits - shape.width_bits);
         let height = 1_usize << (self.root.height_bits - shape.height_bits);
@@ -198,7 +200,7 @@ fn insides(side: usize) -> impl Iterator<Item = Vec2> {
     (0..side * side).map(move |k| (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / side as f32)
 }
 
-/// Cosines and sines of azimuths and polar angles: those of [`crate::latlong::direction`], which are products of the two.
+/// Cosines and sines of azimuths and polar angles, of which [`crate::latlong::direction`] takes products.
 fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
     let inside = |i: usize| ((i % side) as f32 + 0.5) / side as f32;
     let across = |i: usize| {
@@ -239,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn directions_are_those_of_the_map() {
+    fn directions_match_the_map() {
         for (columns, rows) in [(7, 3), (300, 150)] {
             let density = density(columns, rows);
             let map = MomentMap::new(&density);
@@ -259,10 +261,10 @@ mod tests {
     }
 
     #[test]
-    fn moments_are_those_of_the_density() {
+    fn moments_match_the_density() {
         let density = density(5, 3);
         let map = MomentMap::new(&density);
-        // Ten thousand points per cell: the midpoint rule's error is the square of a step of 0.004 by 0.01.
+        // 10,000 points per cell: the midpoint rule's error is the square of a step of 0.004 by 0.01.
         let (mut energy, mut first, mut square) = (0.0, DVec3::ZERO, 0.0);
         for k in 0..5 * 3 * 10_000 {
             let (cell, point) = (k / 10_000, k % 10_000);

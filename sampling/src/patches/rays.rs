@@ -1,7 +1,8 @@
-//! Rays to the patches of a sky, sent for what they say of its visibility: which patch, and where to.
+//! Exploration rays to the patches of a sky, which record a patch and a direction.
 //!
-//! Patches get as many as samples, by masses that know the surface, but each goes to one of a few directions of its patch, and there are no densities: that takes
-//! a fraction of a sample's time.
+//! Each patch gets as many rays as samples, by masses that account for the surface. But each ray takes one of
+//! a few directions of its patch, and no density is computed, so that a ray takes a fraction of a sample's
+//! time.
 
 use crate::parallel::*;
 use glam::{Vec2, Vec3A};
@@ -19,35 +20,36 @@ use crate::{
 
 /// Directions along a side of a patch's rectangle of Y.
 const SIDE: usize = 8;
-/// Directions of a patch.
+/// Number of directions per patch.
 const EACH: usize = SIDE * SIDE;
-/// From the direction of one ray to that of the next: an odd number, so that all come to pass.
+/// Stride between the directions of consecutive rays: odd, so that all occur.
 const STRIDE: usize = 27;
-/// Stands for no patch.
+/// Marks a missing patch.
 const NONE: u32 = u32::MAX;
 
-/// The patches of a sky as rays are sent to them.
+/// The patches of a sky, with directions of rays to them.
 #[derive(Debug)]
 pub struct SkyRays {
     sampler: PatchSampler,
-    /// For each patch those to the centres of equal cells of its rectangle, row after row.
+    /// Directions to the centres of equal cells of each patch's rectangle, row by row.
     directions: Vec<[f32; 3]>,
 }
 
 impl SkyRays {
-    /// Those of a sampler's patches. A head before them is left out.
+    /// The rays of a sampler's patches; a head is ignored.
     pub fn new(sampler: PatchSampler) -> Self {
         let directions = directions(&sampler.patches, &sampler.light);
         Self { sampler: PatchSampler { head: None, ..sampler }, directions }
     }
 
-    /// The patches.
+    /// Returns the sampler of the patches.
     pub fn sampler(&self) -> &PatchSampler {
         &self.sampler
     }
 
-    /// Sends `rays` rays from each row, by a uniform point `u` of `[0, 1)^2` for all of them: they divide what is reflected of the sky into equal parts. `send` is told the
-    /// place of a row, the unit direction, and the patch of [`PatchSampler::division`] that this is in. What leads below a surface is left out.
+    /// Sends `rays` rays from each row, by one uniform point `u` of `[0, 1)^2` for all of them: they divide
+    /// the reflected light of the sky into equal parts. `send` gets the index of the row, the unit direction,
+    /// and its patch of [`PatchSampler::division`]. Directions below a surface are skipped.
     pub fn send(
         &self,
         at: &Rows<'_>,
@@ -74,7 +76,7 @@ impl SkyRays {
     }
 }
 
-/// [`SkyRays::directions`].
+/// Computes [`SkyRays::directions`].
 fn directions(patches: &Patches, light: &EnvironmentLight) -> Vec<[f32; 3]> {
     let of_patch = |&[left, right, top, bottom, _]: &[f32; 5]| {
         let place = |k: usize| (k as f32 + 0.5) / SIDE as f32;
@@ -82,7 +84,7 @@ fn directions(patches: &Patches, light: &EnvironmentLight) -> Vec<[f32; 3]> {
             let (u, v) = (place(k % SIDE), place(k / SIDE));
             Vec2::new(within(left, right, u), within(top, bottom, v))
         };
-        // Patches that there are not have an empty rectangle.
+        // Missing patches have an empty rectangle.
         let points: Vec<Vec2> = if right > left { (0..EACH).map(point).collect() } else { vec![Vec2::ZERO; EACH] };
         light.tail().forward_directions(&points).map(|(_, wi, _)| wi.to_array()).collect::<Vec<_>>()
     };
@@ -90,7 +92,8 @@ fn directions(patches: &Patches, light: &EnvironmentLight) -> Vec<[f32; 3]> {
 }
 
 vectorized! {
-    /// Directions of one of so many rays, and the numbers of their patches as bits: [`NONE`] where they are below a surface.
+    /// Computes the directions of one ray of each row, `rays.0` of `rays.1`, and the numbers of their patches
+    /// as bits: [`NONE`] where they are below a surface.
     fn aim['a](
         simd, patches: &'a Patches, directions: &'a [[f32; 3]], at: &'a Rows<'a>, state: &'a [Lanes],
         rays: (u32, u32), u: [&'a [Lanes]; 2], wi: [&'a mut [Lanes]; 3], out: &'a mut [Lanes],
@@ -111,7 +114,7 @@ vectorized! {
                 }
             }
             for k in 0..LANES {
-                // Past all sums where nothing is reflected, and by rounding.
+                // Beyond all sums where nothing is reflected, and by rounding.
                 let own = (cluster[k] as usize).min(patches.leaves.blocks.len() - 1);
                 let mass = sums[own][k] - before[k];
                 let part_sums = part_sums(simd, &patches.leaves.blocks[own], &reflections.lane(k), &[1.0; LANES]);
@@ -122,7 +125,7 @@ vectorized! {
                     below = if *sum <= aim { *sum } else { below };
                 }
                 let is_lit = (mass > 0.0) & (part_sums[part] > below);
-                // Rays of a point that go to the same patch take different directions.
+                // Rays from one point to the same patch take different directions.
                 let direction = ((u[1][strip][k] * EACH as f32) as usize + rays.0 as usize * STRIDE) % EACH;
                 [x[strip][k], y[strip][k], z[strip][k]] = directions[(own * PARTS + part) * EACH + direction];
                 let number = (patches.numbers[own] * PARTS + part) as u32;
@@ -173,7 +176,8 @@ mod tests {
         tile
     }
 
-    /// Rays that go to each patch, and samples that a sampler draws in it. All rays are in the patch that they say, and above their surface.
+    /// Counts the rays and the samples in each patch. Asserts that all rays are in the reported patch and
+    /// above their surface.
     fn count(map: Environment, surface: Surface) -> [Vec<f64>; 2] {
         let light = EnvironmentLight::new(Arc::new(map), TailKind::Hierarchical).unwrap();
         let sampler = PatchSampler::new(light, Detail::Leaves).unwrap();
@@ -215,8 +219,8 @@ mod tests {
     }
 
     #[test]
-    fn maps_of_few_patches_and_points_in_the_dark_are_served() {
-        // A single bright texel: of half of the points it is below the surface.
+    fn small_maps_and_unlit_points_get_valid_rays() {
+        // A single bright texel, which is below the surface for half of the points.
         let mut pixels = vec![[0.0; 3]; 8];
         pixels[1] = [1.0; 3];
         let map = Environment::from_image("small", Image { width: 4, height: 2, pixels }).unwrap();
@@ -233,20 +237,22 @@ mod tests {
     }
 
     #[test]
-    fn as_many_rays_as_samples_go_to_each_patch() {
+    fn rays_per_patch_match_samples() {
         for name in ["studio", "sunset"] {
             for surface in [Lambert { albedo: Vec3::ONE }.into(), Ggx::new(0.4, Vec3::ONE).into()] {
                 let [rays, samples] = count(built_in(name).unwrap(), surface);
                 let [all_rays, all_samples] = [&rays, &samples].map(|counts| counts.iter().sum::<f64>());
                 assert!(all_samples > 0.6 * f64::from(RAYS) * POINTS as f64);
-                // Both are counts of independent events or less noisy than that. What of a patch is above a surface is known to 1/64 of it.
+                // Both are counts of independent events or less noisy. The part of a patch above a surface is
+                // resolved to 1/64 of the patch.
                 let (mut sum, mut freedom) = (0.0, 0.0);
                 for (rays, samples) in rays.iter().zip(&samples).filter(|(rays, samples)| **rays + **samples > 20.0) {
                     let difference = (rays - samples).abs() - (rays + samples) / 128.0;
                     sum += difference.max(0.0).powi(2) / (rays + samples);
                     freedom += 1.0;
                 }
-                // The sum is at most chi-square distributed: its mean is the degrees of freedom, its variance twice that. Five standard deviations.
+                // The sum is at most chi-square distributed: its mean is the degrees of freedom, its variance
+                // twice that. The bound is 5 standard deviations.
                 assert!(freedom > 30.0 && sum < freedom + 5.0 * f64::sqrt(2.0 * freedom), "{name}: {sum} {freedom}");
                 assert!((all_rays / all_samples - 1.0).abs() < 0.02, "{name}: {all_rays} {all_samples}");
             }

@@ -1,9 +1,11 @@
-//! Small lights, which samples go to by quarters.
+//! Allocates samples to small lights in multiples of 1/4, which preserves stratification.
 //!
-//! A sun or a lamp of a degree or two is seen as a whole or not at all, and the rest of the sky is partly hidden: that is where the noise of shadows is, so more samples
-//! belong there than its light says. But where a sample of the sun is worth more than one of the sky, the number of either decides how bright a pixel
-//! is, and a share of samples that is no multiple of a quarter leaves that number to chance: of points that keep their strata just so many fall
-//! into a quarter, a half and three quarters of a dimension as there should be, from four samples on.
+//! A sun or a lamp of 1 to 2 degrees is entirely visible or entirely hidden, and the rest of the sky is
+//! partly hidden. Shadow noise arises from the rest, which should therefore get more samples than its
+//! fraction of the light. But where a sample of the sun has a larger weight than one of the sky, the number
+//! of samples of each determines the brightness of a pixel, and a fraction of samples that is not a multiple
+//! of 1/4 makes that number random: from 4 samples on, stratified points place the exact number of samples in
+//! 1/4, 1/2 and 3/4 of a dimension.
 
 use super::{mass::Patch, moments::MomentMap};
 use crate::{
@@ -11,17 +13,18 @@ use crate::{
     tail::Node,
 };
 
-/// The variance of a cluster's directions below which it is a small light: some two degrees.
+/// Variance of directions below which a cluster is a small light: about 2 degrees.
 const SMALL: f32 = 1e-3;
-/// The same of one that is the glow around a smaller light, and of that: what holds half of the cluster's light.
+/// The same for a cluster that is a smaller light with its glow, and for the core that holds half of its
+/// light.
 const SMALL_WITH_GLOW: f32 = 2e-3;
 const SMALL_CORE: f32 = 2e-4;
-/// Odds of small lights among samples over the root of their odds among what is reflected: a light of 39 % and more has half of the samples, one of 83 %
-/// and more three quarters.
+/// Odds of small lights among samples divided by the root of their odds in reflected light: lights with at
+/// least 39 % of the reflected light get 1/2 of the samples, with at least 83 % 3/4.
 const ODDS: f32 = 0.75;
-/// The share of what is reflected up to which small lights are drawn as their light says.
+/// Fraction of reflected light up to which small lights are drawn in proportion to their light.
 const LEAST: f32 = 0.05;
-/// The part of all samples that their sampler takes which small lights get at most.
+/// Largest fraction of the samples of patches that small lights get.
 const MOST: f32 = 0.875;
 
 /// Whether a cluster is a small light, or one with its glow.
@@ -31,7 +34,7 @@ pub fn is_small(map: &MomentMap<'_>, cluster: Node) -> bool {
     whole < SMALL || (whole < SMALL_WITH_GLOW && variance(core(map, cluster)) < SMALL_CORE)
 }
 
-/// The smallest part of a cluster that has half of its light.
+/// Returns the smallest part of a cluster that has half of its light.
 fn core(map: &MomentMap<'_>, cluster: Node) -> Node {
     let least = 0.5 * map.moments(cluster).energy;
     let mut core = cluster;
@@ -43,20 +46,22 @@ fn core(map: &MomentMap<'_>, cluster: Node) -> Node {
     core
 }
 
-/// The share of small lights among samples of patches, where they have `own` of what is reflected and everything else `rest`: a number of quarters of all
-/// samples, of which patches have `of_patches` beside BRDF sampling. None where small lights are drawn as their light says.
+/// Returns the fraction of small lights among samples of patches, where they reflect `own` and everything
+/// else `rest`: a multiple of 1/4 of all samples, of which patches get the fraction `of_patches` beside BRDF
+/// sampling. None where small lights are drawn in proportion to their light.
 #[inline(always)]
 fn share(own: f32, rest: f32, of_patches: f32) -> Option<f32> {
     let odds = ODDS * (own / rest).sqrt();
     let quarters = (4.0 * of_patches * odds / (1.0 + odds) + 0.5).floor();
     let quarters = if quarters > 1.0 { quarters } else { 1.0 };
     let quarters = if 0.25 * quarters > MOST * of_patches { quarters - 1.0 } else { quarters };
-    // Where nothing is left to divide, comparisons are false.
+    // Comparisons are false for NaN, where nothing is left to divide.
     ((own > LEAST * (own + rest)) & (rest > 0.0) & (quarters > 0.0)).then(|| 0.25 * quarters / of_patches)
 }
 
-/// What running sums are changed by: a factor for those of small lights, and what is added to the others. Only for lanes
-/// that end at leaves: in narrower lobes the noise is the lobe's, and small lights are drawn as their light says.
+/// Returns the changes of running sums: a factor for small lights, and an addition for the others. Only for
+/// lanes that end at leaves: in narrower lobes the lobe dominates noise, and small lights are drawn in
+/// proportion to their light.
 #[inline(always)]
 pub fn scales(own: &Lanes, all: &Lanes, of_patches: &Lanes, at_leaves: [bool; LANES]) -> [Lanes; 2] {
     let mut scales = [[1.0; LANES], [0.0; LANES]];
@@ -77,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_lights_have_quarters_of_all_samples() {
+    fn small_lights_get_multiples_of_a_quarter() {
         for (own, expected) in [
             (0.04, None),
             (0.06, Some(0.25)),
@@ -89,7 +94,8 @@ mod tests {
         ] {
             assert_eq!(share(own, 1.0 - own, 1.0), expected, "{own}");
         }
-        // Beside BRDF sampling, of all samples: the rest keeps an eighth of what is left.
+        // With BRDF sampling, the multiple is of all samples, and the rest keeps 1/8 of the samples of
+        // patches.
         for k in 1..=100 {
             let of_patches = k as f32 / 100.0;
             for own in [0.06, 0.5, 0.9, 0.9999] {
@@ -110,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn scaled_masses_have_that_share() {
+    fn scaled_masses_give_multiples_of_a_quarter() {
         for (own, all) in [(0.3, 0.5), (2e-6, 1e-5), (7.0, 7.1)] {
             let [factor, added] = scales(&[own; LANES], &[all; LANES], &[1.0; LANES], [true; LANES]);
             let share = own * factor[3] / (all + added[3]);

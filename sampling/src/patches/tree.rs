@@ -1,4 +1,5 @@
-//! Trees of patches: the square is cut in proportion to masses, in the order in which the map is, so that neighbours stay neighbours.
+//! Trees of patches: the square is cut in proportion to masses and in the order in which the map is divided,
+//! so that neighbours stay neighbours.
 
 use crate::{
     discrete::{BELOW_ONE, remap},
@@ -6,8 +7,9 @@ use crate::{
     tail::Node,
 };
 
-/// A node of a tree over at most 128 patches in one number, as the descent loads one for each lane: bits 0 to 6 are the place of the first patch of its second
-/// half, bit 7 says that it cuts columns, bits 8 to 15 and 16 to 23 are its halves, bit 24 says that it is a single patch.
+/// A node of a tree over at most 128 patches, packed into one number as the descent loads one per lane: bits
+/// 0 to 6 are the place of the first patch of its second half, bit 7 is set if it cuts columns, bits 8 to 15
+/// and 16 to 23 are its halves, bit 24 is set for a single patch.
 #[derive(Clone, Copy, Debug)]
 struct Split(u32);
 
@@ -30,11 +32,11 @@ impl Split {
     }
 }
 
-/// Binary trees over patches that lie in their order, one after the other.
+/// Binary trees over patches, stored one after the other; the patches of each are in tree order.
 #[derive(Clone, Debug, Default)]
 pub struct Forest(Vec<Split>);
 
-/// Rectangles of the square of uniform points, as the descent cuts them, with the running sums of masses at their ends.
+/// Rectangles of the square of uniform points, as the descent cuts them, one per lane.
 #[derive(Clone, Copy)]
 pub struct Cuts {
     pub left: Lanes,
@@ -47,7 +49,7 @@ impl Cuts {
     /// The whole square.
     pub const SQUARE: Self = Self { left: [0.0; LANES], right: [1.0; LANES], top: [0.0; LANES], bottom: [1.0; LANES] };
 
-    /// Points of the square that lie at places inside, below 1.
+    /// Maps places inside the rectangles to points of the square, below 1.
     #[inline(always)]
     pub fn outside(&self, [u, v]: &[Lanes; 2]) -> [Lanes; 2] {
         let mut points = [[0.0; LANES]; 2];
@@ -59,7 +61,7 @@ impl Cuts {
         points
     }
 
-    /// Where points lie inside.
+    /// Maps points of the square to places inside the rectangles.
     #[inline(always)]
     pub fn inside(&self, u: &Lanes, v: &Lanes) -> [Lanes; 2] {
         let mut inside = [[0.0; LANES]; 2];
@@ -71,14 +73,14 @@ impl Cuts {
     }
 }
 
-/// What lanes go down a tree for.
+/// The targets of lanes that descend a tree.
 pub trait Aim {
-    /// All bits for a lane that goes on to the first half of a node, whose second half begins at the place `middle`: it is cut at `cut`, along
-    /// columns where that mask is set.
+    /// Returns all bits set for a lane that descends into the first half of a node, whose second half begins
+    /// at the place `middle`: it is cut at `cut`, along columns where that mask is set.
     fn is_first(&self, lane: usize, columns: u32, cut: f32, middle: u32) -> u32;
 }
 
-/// The patches that points `u`, `v` of the square fall into.
+/// The patches that contain points `u`, `v` of the square.
 pub struct Points(pub [Lanes; 2]);
 
 impl Aim for Points {
@@ -98,7 +100,7 @@ impl Aim for Places {
     }
 }
 
-/// The patches that were found: their places, and their masses.
+/// The patches that were found, one per lane.
 pub struct Found {
     /// Places in the order of the tree.
     pub place: [u32; LANES],
@@ -112,28 +114,30 @@ impl Forest {
         self.0.iter().map(|split| split.0).collect()
     }
 
-    /// Adds the tree over `patches` (at most 128), which tile a part of `start` and lie in its order; where it begins. Halves without a patch are left
-    /// out.
+    /// Adds the tree over `patches` (at most 128), which tile a part of `start` in tree order, and returns
+    /// its root. Halves without a patch are left out.
     pub fn plant(&mut self, start: Node, patches: &[Node]) -> u32 {
         let base = self.0.len();
         self.add(start, patches, 0, base);
         base as u32
     }
 
-    /// The same over two groups of patches: the first has the left part of the square, the second what is right of it.
+    /// Adds a tree over two groups of patches: the first gets the left part of the square, the second the
+    /// rest.
     pub fn plant_beside(&mut self, start: Node, first: &[Node], second: &[Node]) -> u32 {
         if first.is_empty() || second.is_empty() {
             return self.plant(start, if first.is_empty() { second } else { first });
         }
         let base = self.0.len();
-        // Its halves are known once they are there.
+        // Replaced when its halves exist.
         self.0.push(Split::single(0, 0));
         let halves = [self.add(start, first, 0, base), self.add(start, second, first.len(), base)];
         self.0[base] = Split::new(true, first.len(), halves);
         base as u32
     }
 
-    /// Adds the tree over `patches`, the first of which has the place `first`; its number from `base` on.
+    /// Adds the tree over `patches`, the first of which has the place `first`. Returns its number relative to
+    /// `base`.
     fn add(&mut self, node: Node, patches: &[Node], first: usize, base: usize) -> usize {
         let own = self.0.len() - base;
         if patches.len() <= 1 {
@@ -148,7 +152,7 @@ impl Forest {
             ([], patches) => self.add(lower, patches, first, base),
             (patches, []) => self.add(upper, patches, first, base),
             (above, below) => {
-                // Its halves are known once they are there.
+                // Replaced when its halves exist.
                 self.0.push(Split::single(first, own));
                 let halves = [self.add(upper, above, first, base), self.add(lower, below, first + middle, base)];
                 self.0[base + own] = Split::new(node.halves_columns(), first + middle, halves);
@@ -157,8 +161,9 @@ impl Forest {
         }
     }
 
-    /// Goes down one tree for each lane, from `roots`, and cuts rectangles in proportion to masses. `sums[(p - 1) * BY_PLACE + k * BY_LANE]` is the
-    /// sum of the masses before the place `p > 0` in lane `k`, `total` that of all.
+    /// Descends one tree for each lane, from `roots`, and cuts rectangles in proportion to masses. In lane
+    /// `k`, the sum of the masses before the place `p > 0` is `sums[(p - 1) * BY_PLACE + k * BY_LANE]`;
+    /// `total` is that of all.
     #[inline(always)]
     pub fn descend<const BY_PLACE: usize, const BY_LANE: usize>(
         &self,
@@ -193,7 +198,7 @@ impl Forest {
                 let mass = if mass > f32::MIN_POSITIVE { mass } else { f32::MIN_POSITIVE };
                 let cut = from + (to - from) * ((middle[k] - before[k]) / mass);
                 let is_first = aim.is_first(k, columns, cut, splits[k] & 0x7f);
-                // Of a single patch both sides stay.
+                // A single patch keeps both sides.
                 let is_single = mask(splits[k] & IS_SINGLE);
                 let keeps_lower = is_first | is_single;
                 let keeps_upper = !is_first | is_single;
@@ -211,19 +216,20 @@ impl Forest {
     }
 }
 
-/// The number, or the largest one below 1.
+/// Returns the number, or the largest f32 below 1 if that is smaller.
 #[inline(always)]
 fn below_one(number: f32) -> f32 {
     if number < BELOW_ONE { number } else { BELOW_ONE }
 }
 
-/// All bits if a number of a single bit is set.
+/// Returns all bits set if `bit` is not 0.
 #[inline(always)]
 fn mask(bit: u32) -> u32 {
     u32::from(bit != 0).wrapping_neg()
 }
 
-/// `a` where a mask is set, else `b`. Of bits, as compilers make branches of choices between many numbers.
+/// Returns `a` where the mask is set, else `b`. Bitwise, because compilers turn chains of choices into
+/// branches.
 #[inline(always)]
 fn select(mask: u32, a: f32, b: f32) -> f32 {
     f32::from_bits((a.to_bits() & mask) | (b.to_bits() & !mask))
@@ -248,12 +254,12 @@ mod tests {
     }
 
     #[test]
-    fn rectangles_have_the_share_of_their_patch_and_tile_the_square() {
+    fn rectangles_are_proportional_to_masses_and_tile_the_square() {
         let root = Node::root(8, 8);
         let patches = patches(root);
         assert!((8..=64).contains(&patches.len()));
         let mut forest = Forest::default();
-        // Another tree before it: places are counted from the root of its own.
+        // Another tree comes first: places are relative to their own root.
         forest.plant(root, &patches[..3]);
         let start = forest.plant(root, &patches);
         // One patch has no mass.
@@ -283,7 +289,7 @@ mod tests {
             let place = found.place[3] as usize;
             assert_eq!(found.mass[3], masses[place]);
             assert!(cuts.left[3] <= u && u <= cuts.right[3] && cuts.top[3] <= v && v <= cuts.bottom[3]);
-            // The way to the place is the way of the point, bit for bit.
+            // The descent to the place equals the descent to the point, bit for bit.
             let aim = Places([place as u32; LANES]);
             let (same, rectangle) =
                 forest.descend::<1, 0>(&[start; LANES], &aim, (&sums, [total; LANES]), Cuts::SQUARE);
@@ -298,7 +304,7 @@ mod tests {
         for (place, (&area, &mass)) in areas.iter().zip(&masses).enumerate() {
             // A product of at most six quotients in f32.
             assert!((area - mass / total).abs() < 1e-6, "{place}: {area} {}", mass / total);
-            // A rectangle of a grid of points holds its area but for those along its sides.
+            // The number of grid points in a rectangle is its area, except along its sides.
             let expected = mass / total * (SIDE * SIDE) as f32;
             assert!(
                 (drawn[place] as f32 - expected).abs() <= 2.0 * SIDE as f32,
@@ -312,7 +318,7 @@ mod tests {
 
     #[test]
     fn the_order_of_the_tree_keeps_neighbours_together() {
-        // With equal masses of all cells the square is cut as the map is: places are those of the cells.
+        // With equal masses of all cells, the square is cut as the map is: places are those of the cells.
         let root = Node::root(8, 8);
         let cells = root.descendants(6);
         let mut forest = Forest::default();

@@ -1,4 +1,4 @@
-//! The warp of patches at one shading point, as training sees it.
+//! The warp of patches at one shading point, for training.
 
 use glam::{Vec2, Vec3A, Vec4};
 
@@ -15,7 +15,7 @@ use crate::{
     visibility::Unoccluded,
 };
 
-/// What patches do with the square of uniform points at one shading point.
+/// The warp by patches of the square of uniform points at one shading point.
 #[derive(Debug)]
 pub struct PatchWarp<'a> {
     patches: &'a Patches,
@@ -25,7 +25,7 @@ pub struct PatchWarp<'a> {
 }
 
 impl Patches {
-    /// The warp at a point, over the tail that the patches were made of.
+    /// Returns the warp at a point, over the tail that the patches were built from.
     pub fn warp_at<'a>(&'a self, tail: &'a Tail, point: &'a OnePoint) -> PatchWarp<'a> {
         let rows = point.tile().rows();
         let mut state = vec![[0.0; LANES]; COLUMNS * rows.strips()];
@@ -33,7 +33,8 @@ impl Patches {
         PatchWarp { patches: self, tail, point, state }
     }
 
-    /// The logit of the share of samples that patches below a head have beside BRDF sampling at a point: what the head's is added to.
+    /// Returns the logit of the mixture weight, beside BRDF sampling, of patches below a head at a point; the
+    /// head's is added to it.
     pub fn share_logit(point: &OnePoint) -> f32 {
         let rows = point.tile().rows();
         let (mut shares, mut lobes) = (vec![[0.0; LANES]; rows.strips()], point.arena.columns::<LOBES>(rows.strips()));
@@ -44,7 +45,7 @@ impl Patches {
 }
 
 impl PatchWarp<'_> {
-    /// Points of the square to points of Y, with the density over Y that uniform points have there: 0 where there is nothing to draw.
+    /// Maps points of the square to points of Y, with their density over Y: 0 where there is nothing to draw.
     pub fn forward(&self, z: &[Vec2]) -> Vec<(Vec2, f32)> {
         let rows = self.point.tile().rows();
         let draw = |z: [&[Lanes]; 2], [u, v, q]: [&mut [Lanes]; 3]| {
@@ -53,7 +54,8 @@ impl PatchWarp<'_> {
         self.point.map(z, draw).map(|[u, v, q]| (Vec2::new(u, v), q)).collect()
     }
 
-    /// Directions to the points of the square that are carried to them by patches and tail; `None` where none is.
+    /// Maps directions to the points of the square from which patches and tail map to them; `None` where
+    /// there is none.
     pub fn inverse(&self, wi: &[Vec3A]) -> Vec<Option<Vec2>> {
         let x: Vec<Vec2> = wi.iter().map(|&wi| latlong::square(wi)).collect();
         let y = self.tail.inverse_points(&x);
@@ -62,7 +64,7 @@ impl PatchWarp<'_> {
         found.map(|((z, q), &(_, density))| (q > 0.0 && density > 0.0).then_some(z)).collect()
     }
 
-    /// The points that are carried to points of Y with their images in X, and the densities over Y.
+    /// Returns the points that map to points of Y with their images in X, and the densities over Y.
     fn preimages(&self, x_and_y: &[(Vec2, Vec2)]) -> Vec<(Vec2, f32)> {
         let (rows, grid) = (self.point.tile().rows(), self.tail.light());
         let invert = |[x_u, x_v, y_u, y_v]: [&[Lanes]; 4], [u, v, q]: [&mut [Lanes]; 3]| {
@@ -96,10 +98,10 @@ mod tests {
         [Lambert { albedo: Vec3::ONE }.into(), ggx(0.05), ggx(0.4), mixture]
     }
 
-    /// Each coordinate of a point takes at most four roundings of 6e-8 on its way there and back, in units of the narrower of both rectangles
-    /// that it is in: that of the square or that of Y.
+    /// Each coordinate is rounded at most 4 times by 6e-8 on its way there and back, in units of the narrower
+    /// of both rectangles that contain it: in the square or in Y.
     #[test]
-    fn the_inverse_leads_back() {
+    fn inverse_undoes_the_warp() {
         const BOUND: f32 = 5e-7;
         for name in ["studio", "sunset"] {
             let light = EnvironmentLight::new(Arc::new(built_in(name).unwrap()), TailKind::Hierarchical).unwrap();
@@ -126,15 +128,15 @@ mod tests {
                         wrong += usize::from(!is_near || back[k].1.to_bits() != there[k].1.to_bits());
                     }
                 }
-                // A point that is rounded across the edge of a patch is of the neighbour: 256 edges of 1e-7 are 3e-5 of the square, and under a
-                // sun the whole patch is a few steps of X wide.
+                // A point rounded across the edge of a patch belongs to the neighbour: 256 edges of 1e-7 are
+                // 3e-5 of the square, and under a sun the whole patch is a few steps of X wide.
                 assert!(all > 10_000 && wrong as f32 <= 2e-3 * all as f32, "{name} {detail:?}: {wrong} of {all}");
             }
         }
     }
 
     #[test]
-    fn a_sun_has_quarters_of_the_square() {
+    fn a_sun_gets_a_multiple_of_a_quarter_of_the_square() {
         let light = EnvironmentLight::new(Arc::new(built_in("sunset").unwrap()), TailKind::Hierarchical).unwrap();
         let sampler = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
         assert!(
@@ -156,9 +158,10 @@ mod tests {
             };
             let drawn: Vec<bool> = light.tail().forward_points(&y).into_iter().map(is_small).collect();
             let quarters = 4 * drawn.iter().filter(|&&is_small| is_small).count() / (SIDE * SIDE);
-            // A column of the grid is the sun's or it is not.
+            // Each column of the grid belongs to the sun entirely or not at all.
             let wrong = z.iter().zip(&drawn).filter(|(z, drawn)| (4.0 * z.x < quarters as f32) != **drawn).count();
-            // Where little of its light arrives, the sun has the share of its light; a point may be rounded into the neighbour.
+            // Where little of its light arrives, the sun is drawn in proportion to its light; a point may be
+            // rounded into the neighbour.
             if quarters > 0 {
                 assert!(wrong <= 2, "{n}: {quarters} quarters, {wrong}");
             }
@@ -168,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn the_inverse_of_directions_is_that_of_points() {
+    fn inverse_of_directions_matches_points() {
         let light = EnvironmentLight::new(Arc::new(built_in("studio").unwrap()), TailKind::Hierarchical).unwrap();
         let sampler = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
         let surface = Ggx::new(0.2, Vec3::ONE).into();
@@ -186,7 +189,7 @@ mod tests {
         assert!(close > 3960, "{close}");
         // Below the surface nothing is drawn.
         assert_eq!(warp.inverse(&[-Vec3A::Y]), [None]);
-        // BRDF sampling has half of the samples at a width of 0.05.
+        // BRDF sampling has mixture weight 0.5 at a width of 0.05.
         let share = 1.0 - 0.5 * 0.25_f32.powf(1.25);
         assert!((Patches::share_logit(&point) - logit_of_share(share)).abs() < 1e-4);
     }

@@ -1,6 +1,8 @@
-//! The points of the unit square (and cube) that a rendering consumes: for a pixel, a sample and a dimension always the same.
+//! The points of the unit square (and cube) that a rendering consumes, fixed for each pixel, sample and
+//! dimension.
 //!
-//! A number is a function of (points, seed, pixel, sample, dimension), so that results depend neither on threads nor on tiles nor on passes.
+//! A number is a function of (points, seed, pixel, sample, dimension), so that results do not depend on
+//! threads, tiles or passes.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -25,39 +27,40 @@ use crate::{
 };
 use philox::philox;
 
-/// What a group of up to four numbers is drawn for: the map of all dimensions.
+/// The purpose of a group of up to four numbers: the map of all dimensions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
-    /// Direction `k` of a light estimate: 0, and for two-sample MIS 1.
+    /// Direction `k` of a light estimate: 0, and 1 for two-sample MIS.
     Light(u32),
-    /// The direction of a candidate of RIS: one sequence for each technique. The third number of its very first draws the survivor.
+    /// The direction of a candidate of RIS, with one sequence per technique. The third number of the first
+    /// candidate draws the survivor.
     Candidate {
         /// The technique, 0 or 1.
         technique: u32,
-        /// Which of the technique's candidates it is.
+        /// Index among the technique's candidates.
         index: u32,
-        /// How many the technique has.
+        /// Number of the technique's candidates.
         of: u32,
     },
-    /// The place in the pixel that a camera ray goes through.
+    /// The position in the pixel that a camera ray goes through.
     Camera,
-    /// The direction in which a path goes on, and a third number for Russian roulette.
+    /// The direction in which a path continues, and a third number for Russian roulette.
     Path,
 }
 
-/// Most candidates of a technique.
+/// Largest number of candidates of a technique.
 pub const MAX_CANDIDATES: u32 = 4096;
 
-/// Sequences for one bounce of a path.
+/// Number of sequences per bounce of a path.
 const PER_BOUNCE: u32 = 1 << 16;
 
-/// The first of a bounce, which is drawn from without a shuffle: light and camera are stratified together.
+/// The first sequence of a bounce, which is used without a shuffle: light and camera are stratified together.
 const PRIMARY: u32 = 0;
 
-/// Where the numbers of a group come from.
+/// The source of the numbers of a group.
 #[derive(Clone, Copy, Debug)]
 struct Address {
-    /// The sequence, which has a scrambling of its own.
+    /// The sequence, which has its own scrambling.
     sequence: u32,
     /// The first of its dimensions.
     column: usize,
@@ -73,7 +76,7 @@ impl Dimension {
         }
         let (sequence, column) = match self {
             Self::Light(0) => (PRIMARY, 0),
-            // Only the first surface is seen by the camera.
+            // Camera rays lead to the first surface only.
             Self::Camera => (PRIMARY, 2),
             Self::Path => (1, 0),
             Self::Candidate { technique, .. } => (2 + technique, 0),
@@ -94,7 +97,8 @@ pub struct Points {
 }
 
 impl Points {
-    /// The numbers of the first sample of every pixel, at the first surface. Those of different seeds are independent.
+    /// The numbers of the first sample of every pixel, at the first surface. Different seeds give independent
+    /// numbers.
     pub fn new(set: PointSet, seed: u64) -> Self {
         Self { set, seed, sample: 0, bounce: 0 }
     }
@@ -109,23 +113,23 @@ impl Points {
         self.seed
     }
 
-    /// The same for another sample of every pixel.
+    /// Returns the numbers for another sample of every pixel.
     #[must_use]
     pub fn at_sample(self, sample: u32) -> Self {
         Self { sample, ..self }
     }
 
-    /// The same sample at a later surface of its path; the first is 0.
+    /// Returns the numbers of the same sample at a later surface of its path; the first is 0.
     #[must_use]
     pub fn at_bounce(self, bounce: u32) -> Self {
         Self { bounce, ..self }
     }
 
-    /// `N` uniform numbers in `[0, 1)` for each row, keyed by the rows' keys: at most 4 for light, 2 for cameras. Keys are places of pixels on
-    /// Morton's curve.
+    /// Draws `N` uniform numbers in `[0, 1)` for each row, keyed by the rows' keys: at most 4 for light, 2
+    /// for cameras. Keys are places of pixels on Morton's curve.
     ///
     /// # Panics
-    /// If a candidate is none of `of`, or one of more than [`MAX_CANDIDATES`].
+    /// If a candidate's `index` is not below `of`, or `of` exceeds [`MAX_CANDIDATES`].
     pub fn draw<const N: usize>(&self, dimension: Dimension, rows: &Rows<'_>, out: [&mut [Lanes]; N]) {
         self.draw_keyed(dimension, rows.len(), |place| rows.key(place), out);
     }
@@ -140,7 +144,7 @@ impl Points {
     ) {
         const { assert!(0 < N && N <= 4) };
         for (place, bits) in out[0].as_flattened_mut().iter_mut().enumerate() {
-            // Lanes without a row have any key.
+            // Lanes without a row have an arbitrary key.
             *bits = f32::from_bits(if place < count { key(place) } else { 0 });
         }
         let mut columns = out.into_iter();
@@ -157,7 +161,7 @@ impl Points {
     }
 
     fn draw_sobol(&self, Address { sequence, column, index, of }: Address, columns: Columns<'_>) {
-        // Past 2^32 points of a sequence another scrambling begins.
+        // After 2^32 points of a sequence, another scrambling begins.
         let point = u64::from(self.sample) * u64::from(of) + u64::from(index);
         let (round, mut point) = ((point >> 32) as u32, point as u32);
         if sequence != PRIMARY {
@@ -176,7 +180,7 @@ impl Points {
         ordered((plan, sample * of + index, order), [round, sequence, ZSOBOL], self.seed, column, columns);
     }
 
-    /// A random number for a sequence as a whole.
+    /// Returns a random number for a sequence as a whole.
     fn order(&self, sequence: u32, round: u32, kind: u32) -> u32 {
         philox([[round], [sequence], [0], [kind | ORDER]], self.seed)[0][0]
     }
@@ -185,14 +189,15 @@ impl Points {
 /// Up to four columns to be filled.
 type Columns<'a> = [Option<&'a mut [Lanes]>; 4];
 
-// What words are for, in the last part of their counter: independent numbers have their candidate there, which is below 2^29.
+// The purpose of words, in the last part of their counter; independent numbers have their candidate there,
+// which is below 2^29.
 const SOBOL: u32 = 1 << 31;
 const ZSOBOL: u32 = 1 << 30;
 const ORDER: u32 = 1 << 29;
 
 vectorized! {
-    /// Words `from..` of each key and `others`, as numbers in `[0, 1)`.
-    /// The keys are the bits of the first column, which is overwritten.
+    /// Computes words `from..` of each key and `others`, as numbers in `[0, 1)`. The keys are the bits of the
+    /// first column, which is overwritten.
     fn independent['a](_simd, others: [u32; 3], seed: u64, from: usize, columns: Columns<'a>) {
         let mut columns = columns;
         for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
@@ -206,7 +211,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// Numbers that all keys share (see [`owen::before_seed`]), scrambled by the words `from..` of each key and `others`.
+    /// Scrambles `numbers`, common to all keys (see [`owen::before_seed`]), by the words `from..` of each key
+    /// and `others`.
     fn scrambled['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; sobol::DIMENSIONS], from: usize, columns: Columns<'a>) {
         let mut columns = columns;
         for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
@@ -220,7 +226,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// Point `order.1` of each key's set in a `Plan` with the seed of its order, scrambled by the words `from..` of the key's block and `others`.
+    /// Computes point `order.1` of each key's set in a `Plan` with the seed of its order, scrambled by the
+    /// words `from..` of the key's block and `others`.
     fn ordered['a](
         _simd,
         order: (zsobol::Plan, u32, u32),

@@ -1,20 +1,21 @@
-//! Owen scrambling (1995): random permutations of binary digits, each chosen by the digits before it. It keeps every digital net a net and
-//! makes each point uniform.
+//! Owen scrambling (1995): random permutations of binary digits, each chosen by the digits before it. It
+//! keeps every digital net a net and makes each point uniform.
 //!
-//! The permutations are a hash (Laine and Karras 2011, "Stratified Sampling for Stochastic Transparency"; Burley 2020, "Practical
-//! Hash-Based Owen Scrambling"): a digit may be changed by the digits before it alone, which addition, and multiplication by odd
-//! numbers, do from bit 0 upwards. Numbers are therefore reversed, the first digit in bit 0. The constants are those of Vegdahl (2021, "Building
-//! a Better LK Hash").
+//! The permutations are a hash (Laine and Karras 2011, "Stratified Sampling for Stochastic Transparency";
+//! Burley 2020, "Practical Hash-Based Owen Scrambling"): only the digits before a digit may change it, which
+//! holds for addition and for multiplication by odd numbers, from bit 0 upwards. Numbers are therefore
+//! reversed, with the first digit in bit 0. The constants are those of Vegdahl (2021, "Building a Better LK
+//! Hash").
 
 use crate::simd::{LANES, Lanes};
 
-/// The part of the hash before the seed comes in: the same for all lanes if the number is.
+/// Computes the part of the hash before the seed: the same for all lanes if the number is.
 #[inline(always)]
 pub(super) fn before_seed(reversed: u32) -> u32 {
     reversed ^ reversed.wrapping_mul(0x3d20_adea)
 }
 
-/// The rest of the hash.
+/// Computes the rest of the hash.
 #[inline(always)]
 pub(super) fn with_seed(x: u32, seed: u32) -> u32 {
     let x = x.wrapping_add(seed).wrapping_mul((seed >> 16) | 1);
@@ -22,7 +23,8 @@ pub(super) fn with_seed(x: u32, seed: u32) -> u32 {
     x ^ x.wrapping_mul(0x53a2_2864)
 }
 
-/// An index with its binary digits permuted from the first on: any `2^m` indices from a multiple of `2^m` on stay such a block.
+/// Permutes the binary digits of an index from the first on: any `2^m` indices from a multiple of `2^m` on
+/// stay such a block.
 #[inline(always)]
 pub(super) fn shuffle(index: u32, seed: u32) -> u32 {
     with_seed(before_seed(index.reverse_bits()), seed).reverse_bits()
@@ -38,7 +40,7 @@ pub(super) fn scramble(before_seed: [u32; LANES], seeds: [u32; LANES]) -> Lanes 
     unit(bits)
 }
 
-/// The first 24 binary digits as a number in `[0, 1)`.
+/// Converts the first 24 binary digits to a number in `[0, 1)`.
 #[inline(always)]
 pub(super) fn unit(bits: [u32; LANES]) -> Lanes {
     let mut out = [0.0; LANES];

@@ -1,9 +1,9 @@
 //! Philox4x32 (Salmon et al. 2011, "Parallel Random Numbers: As Easy as 1, 2, 3"): four random words for each counter and key.
 
-/// Rounds of the generator: seven pass all tests of the authors (their table 2).
+/// Rounds of the generator: 7 pass all tests of the authors (their table 2).
 const ROUNDS: usize = 7;
 
-/// The words of `N` counters under one key.
+/// Computes the words of `N` counters under one key.
 #[inline(always)]
 pub(super) fn philox<const N: usize>(mut counter: [[u32; N]; 4], key: u64) -> [[u32; N]; 4] {
     let (mut low, mut high) = (key as u32, (key >> 32) as u32);
@@ -30,7 +30,7 @@ mod tests {
 
     /// The known answers of the authors' library for Philox4x32-7.
     #[test]
-    fn words_are_those_of_the_published_generator() {
+    fn words_match_the_published_generator() {
         assert_eq!(philox([[0]; 4], 0), [[0x5f6f_b709], [0x0d89_3f64], [0x4f12_1f81], [0x4f73_0a48]]);
     }
 }

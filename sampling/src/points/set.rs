@@ -1,19 +1,22 @@
-//! Which points a rendering takes.
+//! The kinds of points that a rendering uses.
 
 use std::{fmt, str::FromStr};
 
 use crate::error::{Error, Result};
 
-/// A kind of points in the unit square (and cube). Estimates are unbiased with each; renderings of different seeds are independent.
+/// A kind of points in the unit square (and cube). Estimates are unbiased with each; renderings with
+/// different seeds are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PointSet {
-    /// Sobol's sequence with an Owen scrambling for each pixel. Any number of samples, best at powers of two.
+    /// Sobol's sequence with an Owen scrambling per pixel. Any number of samples, best at powers of two.
     Sobol,
-    /// One such sequence for a block of pixels along a curve through them, so that neighbours share the square (Ahmed and Wonka
-    /// 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of Pixels"). The error of a
-    /// pixel is that of `Sobol`, its sum over neighbours is smaller. Pixels are not independent of each other.
+    /// One such sequence per block of pixels, along a curve through them, so that neighbours share the square
+    /// (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error via
+    /// Hierarchical Ordering of Pixels"). The error of a pixel is that of `Sobol`; summed over neighbours, it
+    /// is smaller. Pixels are not independent.
     ZSobol {
-        /// Logarithm to base 2 of the planned samples per pixel; samples beyond come from fresh sets. At most [`Self::MAX_LOG2_SAMPLES`].
+        /// Base-2 logarithm of the planned samples per pixel, at most [`Self::MAX_LOG2_SAMPLES`]; later
+        /// samples come from fresh sets.
         log2_samples: u32,
     },
     /// Independent numbers.
@@ -21,10 +24,11 @@ pub enum PointSet {
 }
 
 impl PointSet {
-    /// Most planned samples are two to this power.
+    /// Base-2 logarithm of the largest number of planned samples.
     pub const MAX_LOG2_SAMPLES: u32 = 20;
 
-    /// `ZSobol` for a number of samples per pixel: sets of the next power of two, as far as there are such.
+    /// Returns `ZSobol` for a number of samples per pixel, rounded up to a power of two and clamped to the
+    /// largest.
     pub fn zsobol(samples: u32) -> Self {
         let samples = samples.clamp(1, 1 << Self::MAX_LOG2_SAMPLES);
         Self::ZSobol { log2_samples: samples.next_power_of_two().ilog2() }
@@ -66,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_comes_back_and_mistakes_are_named() {
+    fn names_round_trip_and_invalid_names_are_rejected() {
         for log2_samples in 0..=PointSet::MAX_LOG2_SAMPLES {
             let set = PointSet::ZSobol { log2_samples };
             assert_eq!(set.to_string().parse::<PointSet>().unwrap(), set);

@@ -1,15 +1,15 @@
 //! Sobol's sequence (1967) with the direction numbers of Joe and Kuo (2008, "Constructing Sobol sequences with better two-dimensional
 //! projections").
 //!
-//! Every number is kept with its bits reversed, the first binary digit in bit 0: so [`super::owen`] wants them.
+//! Numbers are stored with their bits reversed, the first binary digit in bit 0, as [`super::owen`] requires.
 
 use crate::simd::LANES;
 
-/// Dimensions of the sequence.
+/// Number of dimensions of the sequence.
 pub(super) const DIMENSIONS: usize = 4;
 
-/// Of each dimension after the first, the primitive polynomial of Joe and Kuo's table `new-joe-kuo-6`: degree, inner coefficients, and the
-/// initial direction numbers, as many as the degree.
+/// The primitive polynomial of each dimension after the first, from Joe and Kuo's table `new-joe-kuo-6`:
+/// degree, inner coefficients, and as many initial direction numbers as the degree.
 const POLYNOMIALS: [(usize, u32, [u32; 3]); DIMENSIONS - 1] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
 
 /// Columns of the generator matrices, `[dimension][binary digit of the index]`, reversed.
@@ -31,7 +31,8 @@ const fn columns() -> [[u32; 32]; DIMENSIONS] {
     all
 }
 
-/// The recurrence of Joe and Kuo's equation 2, for direction numbers as binary fractions `v_k = m_k / 2^k`.
+/// Evaluates the recurrence of Joe and Kuo's equation 2, for direction numbers as binary fractions
+/// `v_k = m_k / 2^k`.
 const fn columns_of((degree, coefficients, initial): (usize, u32, [u32; 3])) -> [u32; 32] {
     let mut v = [0_u32; 32];
     let mut k = 0;
@@ -58,7 +59,7 @@ const fn columns_of((degree, coefficients, initial): (usize, u32, [u32; 3])) -> 
     v
 }
 
-/// A dimension of point `index`, reversed.
+/// Returns a dimension of point `index`, reversed.
 pub(super) fn reversed(index: u32, dimension: usize) -> u32 {
     let mut sum = 0;
     for (digit, column) in COLUMNS[dimension].iter().enumerate() {
@@ -67,7 +68,7 @@ pub(super) fn reversed(index: u32, dimension: usize) -> u32 {
     sum
 }
 
-/// A dimension of the point of each lane, reversed; indices have `digits` binary digits at most.
+/// Returns a dimension of the point of each lane, reversed; indices have at most `digits` binary digits.
 #[inline(always)]
 pub(super) fn reversed_lanes(indices: [u32; LANES], digits: u32, dimension: usize) -> [u32; LANES] {
     match dimension {
@@ -85,7 +86,7 @@ pub(super) fn reversed_lanes(indices: [u32; LANES], digits: u32, dimension: usiz
     }
 }
 
-/// The second dimension, whose matrix is Pascal's triangle modulo 2: a product of five sparse ones.
+/// Computes the second dimension, whose matrix is Pascal's triangle modulo 2: a product of five sparse ones.
 #[inline(always)]
 fn pascal(mut indices: [u32; LANES]) -> [u32; LANES] {
     const STEPS: [(u32, u32); 5] =
@@ -102,10 +103,10 @@ fn pascal(mut indices: [u32; LANES]) -> [u32; LANES] {
 mod tests {
     use super::*;
 
-    /// Rows of `scipy.stats.qmc.Sobol(4, scramble=False, bits=32)` times 2^32. That library goes through the points in the order of Gray's
-    /// code: its row `n` is point `n ^ (n >> 1)`.
+    /// Rows of `scipy.stats.qmc.Sobol(4, scramble=False, bits=32)` times 2^32. SciPy orders the points by
+    /// Gray code: its row `n` is point `n ^ (n >> 1)`.
     #[test]
-    fn points_are_those_of_a_library() {
+    fn points_match_scipy() {
         let rows: [(u32, [u32; DIMENSIONS]); 6] = [
             (0, [0; 4]),
             (1, [2_147_483_648; 4]),
@@ -121,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn lanes_have_the_same_points() {
+    fn lanes_match_single_points() {
         let mut index = 1_u32;
         for digits in 1..=32 {
             index = index.wrapping_mul(0x2c1b_3c6d).wrapping_add(0x297a_2d39);

@@ -1,4 +1,4 @@
-//! Properties of the numbers themselves; that estimates are unbiased and converge is tested by pictures.
+//! Properties of the numbers themselves. Rendering tests check that estimates are unbiased and converge.
 
 use super::*;
 
@@ -21,7 +21,7 @@ fn candidate(technique: u32, index: u32, of: u32) -> Dimension {
 }
 
 #[test]
-fn every_part_of_the_address_counts() {
+fn numbers_depend_on_every_part_of_the_address() {
     for set in SETS {
         let all = [
             numbers(set, 1, 0, 0, Dimension::Light(0), 0),
@@ -43,9 +43,9 @@ fn every_part_of_the_address_counts() {
     }
 }
 
-/// Sets and scramblings that are used up are followed by others.
+/// When a set or a scrambling is exhausted, another one follows.
 #[test]
-fn no_points_come_again() {
+fn points_do_not_repeat() {
     let first = |set, sample, dimension| numbers(set, 3, 9, sample, dimension, 0);
     let zsobol = PointSet::ZSobol { log2_samples: 4 };
     assert_ne!(first(zsobol, 5, Dimension::Light(0)), first(zsobol, 5 + 16, Dimension::Light(0)));
@@ -65,7 +65,7 @@ fn no_points_come_again() {
 
 /// Over seeds, each sample of each pixel is uniform in the cube.
 #[test]
-fn numbers_are_uniform_and_their_pairs_too() {
+fn numbers_and_their_pairs_are_uniform() {
     const SIDE: usize = 16;
     let samples = 200_000;
     for set in SETS {
@@ -81,13 +81,14 @@ fn numbers_are_uniform_and_their_pairs_too() {
         let expected = f64::from(samples) / (SIDE * SIDE) as f64;
         for counts in counts {
             let statistic: f64 = counts.iter().map(|count| (count - expected).powi(2) / expected).sum();
-            // 255 degrees of freedom: mean 255, standard deviation 22.6; five of them, for twelve tests.
+            // 255 degrees of freedom: mean 255, standard deviation 22.6; the bound is 5 of them, for 12
+            // tests.
             assert!((statistic - 255.0).abs() < 113.0, "{set}: {statistic}");
         }
     }
 }
 
-/// Of two numbers over many seeds.
+/// Returns the correlation of two numbers over many seeds, and its standard deviation under independence.
 fn correlation(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, f64) {
     let (mut sum, mut count) = (0.0, 0.0);
     for (a, b) in pairs {
@@ -98,7 +99,7 @@ fn correlation(pairs: impl Iterator<Item = (f32, f32)>) -> (f64, f64) {
     (12.0 * sum / count, 1.0 / f64::sqrt(count))
 }
 
-/// Two numbers of a seed.
+/// A function from a seed to two numbers.
 type PairOfSeed<'a> = dyn Fn(u64) -> (f32, f32) + 'a;
 
 #[test]
@@ -107,7 +108,7 @@ fn pixels_and_dimensions_are_not_correlated() {
     let of = |set, seed, dimension, bounce| numbers(set, seed, 5, 3, dimension, bounce);
     for set in SETS {
         let pairs: [(&str, &PairOfSeed<'_>); 7] = [
-            // For `ZSobol`, pixels of two blocks.
+            // For `ZSobol`, pixels of different blocks.
             ("pixels", &|seed| (light(set, seed, 70)[0], light(set, seed, 70 + (1 << 12))[0])),
             ("seeds", &|seed| (light(set, seed, 7)[1], light(set, seed + 1, 7)[1])),
             ("light and camera", &|seed| (light(set, seed, 5)[0], of(set, seed, Dimension::Camera, 0)[0])),
@@ -118,13 +119,14 @@ fn pixels_and_dimensions_are_not_correlated() {
         ];
         for (name, pair) in pairs {
             let (correlation, deviation) = correlation((0..20_000).map(pair));
-            // Five standard deviations, for 28 tests.
+            // 5 standard deviations, for 28 tests.
             assert!(correlation.abs() < 5.0 * deviation, "{set}, {name}: {correlation} +- {deviation}");
         }
     }
 }
 
-/// The smallest t for which `2^m` points are a (t, m, 2)-net: in every elementary interval of area `2^(t - m)` lie `2^t` of them.
+/// Returns the smallest t for which `2^m` points are a (t, m, 2)-net: elementary intervals of area
+/// `2^(t - m)` contain `2^t` of them.
 fn quality(points: &[[f32; 2]]) -> u32 {
     let m = points.len().ilog2();
     assert!(points.len().is_power_of_two());
@@ -142,12 +144,12 @@ fn quality(points: &[[f32; 2]]) -> u32 {
     (0..=m).find(|&t| is_net(t)).expect("any points are a (m, m, 2)-net")
 }
 
-/// The first two numbers of `dimension` for each of the samples.
+/// Returns the first two numbers of `dimension` for each of the samples.
 fn pairs(set: PointSet, key: u32, samples: std::ops::Range<u32>, dimension: Dimension, bounce: u32) -> Vec<[f32; 2]> {
     samples.map(|sample| numbers(set, 1, key, sample, dimension, bounce)).map(|[x, y, ..]| [x, y]).collect()
 }
 
-/// All candidates of a technique, in the order of samples.
+/// Returns all candidates of a technique, in the order of samples.
 fn candidates(set: PointSet, key: u32, samples: u32, of: u32) -> Vec<[f32; 2]> {
     let of_sample = |sample| (0..of).flat_map(move |k| pairs(set, key, sample..sample + 1, candidate(1, k, of), 0));
     (0..samples).flat_map(of_sample).collect()
@@ -166,14 +168,15 @@ fn first_samples_of_a_pixel_are_nets() {
         for (dimension, bounce) in groups {
             assert_eq!(quality(&pairs(PointSet::Sobol, 77, 0..1 << m, dimension, bounce)), 0, "{dimension:?}, 2^{m}");
         }
-        // Dimensions 3 and 4 of Sobol's sequence are no (0, 2)-sequence together; these are its own qualities.
+        // Dimensions 3 and 4 of Sobol's sequence together are not a (0, 2)-sequence; these are their
+        // qualities.
         let camera = [0, 0, 1, 2, 0, 1, 1, 1, 1, 1, 1][m];
         assert_eq!(quality(&pairs(PointSet::Sobol, 77, 0..1 << m, Dimension::Camera, 0)), camera, "2^{m}");
     }
     for (samples, of) in [(1, 2), (8, 2), (64, 4), (256, 1)] {
         assert_eq!(quality(&candidates(PointSet::Sobol, 5, samples, of)), 0, "{samples} of {of}");
     }
-    // A later block of samples is one as well, and what is measured can fail.
+    // A later block of samples is a net as well, and the measure detects a non-net.
     assert_eq!(quality(&pairs(PointSet::Sobol, 77, 96..128, Dimension::Path, 1)), 0);
     assert!(quality(&pairs(PointSet::Independent, 77, 0..256, Dimension::Light(0), 0)) > 3);
 }
@@ -186,7 +189,7 @@ fn samples_of_a_square_of_pixels_are_nets_under_zsobol() {
             for m in 0..=log2_samples {
                 assert_eq!(quality(&pairs(set, 77, 0..1 << m, dimension, bounce)), 0, "{set}, 2^{m} samples");
             }
-            // The second set too.
+            // The second set is a net, too.
             for first in [0, 1 << log2_samples] {
                 for square in 0..=2 {
                     let keys = (77 << (2 * square))..(78 << (2 * square));
@@ -202,9 +205,9 @@ fn samples_of_a_square_of_pixels_are_nets_under_zsobol() {
     }
 }
 
-/// A number does not depend on what it is drawn with.
+/// A number does not depend on the batch that it is drawn in.
 #[test]
-fn batches_give_each_key_its_own_numbers() {
+fn numbers_do_not_depend_on_the_batch() {
     for set in SETS {
         let mut out = [[[0.0; LANES]; 3]; 2];
         let [x, y] = &mut out;

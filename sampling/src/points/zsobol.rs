@@ -1,17 +1,18 @@
 //! Sobol points along a curve through the pixels (Ahmed and Wonka 2020, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error
 //! via Hierarchical Ordering of Pixels").
 //!
-//! The pixels of a block are numbered along Morton's curve, with the four quarters of every square in a random order; the samples of a
-//! pixel follow each other. So the samples of every square of `2^k` by `2^k` pixels are a run of one sequence, which a net covers evenly.
+//! The pixels of a block are numbered along Morton's curve, with the four quarters of every square in a
+//! random order; the samples of a pixel are consecutive. The samples of every square of `2^k` by `2^k` pixels
+//! are therefore a run of one sequence, which a net covers evenly.
 //!
-//! Blocks have scramblings of their own. They are wider than any eye or filter looks, and indices need no more than 32 bits.
+//! Each block has its own scrambling. Blocks are wider than any filter, and indices need at most 32 bits.
 
 use crate::simd::LANES;
 
 /// Levels of squares in a block: 64 pixels along a side.
 const LEVELS: u32 = 6;
 
-/// How the points of a pixel's sample are found.
+/// Layout of the indices of a pixel's points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plan {
     /// Levels of squares in a block.
@@ -21,24 +22,25 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// For `2^digits` points in a pixel's set, at most `2^32`.
+    /// The layout for `2^digits` points in a pixel's set, at most `2^32`.
     pub fn new(digits: u32) -> Self {
         Self { levels: LEVELS.min((32 - digits) / 2), digits }
     }
 
-    /// The block of a pixel, from its place on Morton's curve.
+    /// Returns the block of a pixel, from its place on Morton's curve.
     #[inline(always)]
     pub fn block(self, key: u32) -> u32 {
         key >> (2 * self.levels)
     }
 
-    /// Binary digits of an index.
+    /// Returns the number of binary digits of an index.
     #[inline(always)]
     pub fn index_digits(self) -> u32 {
         2 * self.levels + self.digits
     }
 
-    /// Indices in the sequences of the pixels' blocks of point `point` of each pixel's set. `seed` is that of the orders.
+    /// Returns the indices, in the sequences of the pixels' blocks, of point `point` of each pixel's set.
+    /// `seed` is that of the orders.
     #[inline(always)]
     pub fn indices(self, keys: [u32; LANES], point: u32, seed: u32) -> [u32; LANES] {
         let mut indices = [0; LANES];
@@ -62,16 +64,16 @@ impl Plan {
     }
 }
 
-/// One of the 24 permutations of 0 to 3, at a digit. As vectors of two bits, they are the affine maps.
+/// Applies one of the 24 permutations of 0 to 3 to a digit. On vectors of two bits, they are the affine maps.
 #[inline(always)]
 fn permuted(digit: u32, random: u32) -> u32 {
-    // Of each of the 6 linear maps, what 1 and 2 become: 1 2, 1 3, 2 1, 2 3, 3 1, 3 2.
+    // Images of 1 and 2 under each of the 6 linear maps: 1 2, 1 3, 2 1, 2 3, 3 1, 3 2.
     const IMAGES: u32 = 0b1011_0111_1110_0110_1101_1001;
     let images = IMAGES >> (4 * (((random & 0xffff) * 6) >> 16));
     (images & 3 & (digit & 1).wrapping_neg()) ^ (images >> 2 & 3 & (digit >> 1).wrapping_neg()) ^ (random >> 30)
 }
 
-/// A permutation of 32-bit numbers whose every bit depends on all bits (Wellons 2018, `lowbias32`).
+/// Permutes 32-bit numbers so that every bit depends on all bits (Wellons 2018, `lowbias32`).
 #[inline(always)]
 fn hash(mut x: u32) -> u32 {
     x = (x ^ x >> 16).wrapping_mul(0x7feb_352d);
@@ -91,12 +93,12 @@ mod tests {
         }
         assert!(counts.keys().all(|order| (0..4).all(|digit| order.contains(&digit))));
         let statistic: f64 = counts.values().map(|&count| (f64::from(count) - 2000.0).powi(2) / 2000.0).sum();
-        // 23 degrees of freedom: mean 23, standard deviation 6.8; five of them.
+        // 23 degrees of freedom: mean 23, standard deviation 6.8; the bound is 5 of them.
         assert!(counts.len() == 24 && statistic < 57.0, "{} orders, {statistic}", counts.len());
     }
 
     #[test]
-    fn a_block_has_every_index_once_and_each_square_a_run_of_them() {
+    fn each_square_of_a_block_is_a_run_of_unique_indices() {
         for (digits, log2_side) in [(0, 3), (1, 3), (2, 2), (3, 2)] {
             let (plan, side) = (Plan::new(digits), 1_u32 << log2_side);
             let mut all = Vec::new();

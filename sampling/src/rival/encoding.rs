@@ -1,29 +1,32 @@
-//! What networks see: features and views, with sines and cosines of several octaves (Mildenhall et al. 2020).
+//! Inputs of the networks: features and views, with sines and cosines of several octaves (Mildenhall et al.
+//! 2020).
 
 use crate::{
     brdf::neural_texture::FEATURES,
     simd::{LANES, Lanes, cos_sin_turns},
 };
 
-/// Octaves of the view's coordinates.
+/// Octaves of each coordinate of the view.
 pub const OCTAVES_OF_VIEW: usize = 5;
-/// Octaves of a coordinate of a direction.
+/// Octaves of each coordinate of a direction.
 pub const OCTAVES_OF_COORDINATE: usize = 4;
-/// Numbers of features and view: features, `wo.xy`, then for each of them and each octave `k` the sine and cosine of `2^k pi` times it.
+/// Number of inputs for features and view: features, `wo.xy`, then for each coordinate and each octave `k`
+/// the sine and cosine of `2^k pi` times it.
 pub const VIEW_CONDITION: usize = FEATURES + 2 * (1 + 2 * OCTAVES_OF_VIEW);
-/// Numbers of a coordinate: itself, then sines and cosines.
+/// Number of inputs for a coordinate: itself, then sines and cosines.
 pub const COORDINATE: usize = 1 + 2 * OCTAVES_OF_COORDINATE;
-/// Numbers of features, view and a point of the disk: features, `wo.xy`, then each coordinate of the point as [`COORDINATE`] numbers.
+/// Number of inputs for features, view and a point of the disk: features, `wo.xy`, then each coordinate of
+/// the point as [`COORDINATE`] numbers.
 pub const DISK_CONDITION: usize = FEATURES + 2 + 2 * COORDINATE;
 
-/// A strip of what is known of shading points, in the tangent frame.
+/// Features and views of a strip of shading points, in the tangent frame.
 pub(super) struct Seen {
     pub features: [Lanes; FEATURES],
     pub wo: [Lanes; 3],
 }
 
 impl Seen {
-    /// Features and view.
+    /// Encodes features and view.
     #[inline(always)]
     pub fn condition(&self) -> [Lanes; VIEW_CONDITION] {
         let mut out = [[0.0; LANES]; VIEW_CONDITION];
@@ -37,7 +40,7 @@ impl Seen {
     }
 }
 
-/// Sine and cosine of `2^k pi x` for octaves `k`.
+/// Computes sine and cosine of `2^k pi x` for octaves `k`.
 #[inline(always)]
 fn waves(x: &Lanes, out: &mut [Lanes], octaves: usize) {
     let mut turns = 0.5;
@@ -51,14 +54,14 @@ fn waves(x: &Lanes, out: &mut [Lanes], octaves: usize) {
     }
 }
 
-/// A coordinate as [`COORDINATE`] numbers.
+/// Encodes a coordinate as [`COORDINATE`] numbers.
 #[inline(always)]
 pub(super) fn encode(x: &Lanes, out: &mut [Lanes]) {
     out[0] = *x;
     waves(x, &mut out[1..], OCTAVES_OF_COORDINATE);
 }
 
-/// The derivatives of the numbers of [`encode`], from these numbers.
+/// Computes the derivatives of the numbers of [`encode`] from these numbers.
 #[inline(always)]
 pub(super) fn encoding_slopes(encoded: &[Lanes], out: &mut [Lanes]) {
     out[0] = [1.0; LANES];

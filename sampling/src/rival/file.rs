@@ -1,4 +1,4 @@
-//! The file of samplers that were trained for materials: safetensors of f32 layers; nothing in it is trusted.
+//! The file of samplers trained for materials: safetensors of f32 layers. All content is validated.
 
 use std::{collections::HashMap, path::Path};
 
@@ -16,15 +16,16 @@ use crate::{
     tensor_file,
 };
 
-/// The version of the format that is written and read.
+/// Version of the format that is written and read.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Larger files are refused before they are read: a flow has 40 kB, and a file at most [`MOST_MATERIALS`] of them.
+/// Larger files are rejected before they are read: a flow has 40 kB, and a file at most [`MOST_MATERIALS`] of
+/// them.
 const LARGEST_FILE: u64 = 1 << 25;
-/// Most materials of a file.
+/// Largest number of materials of a file.
 const MOST_MATERIALS: usize = 256;
 
-/// What a file says of its samplers.
+/// The metadata of a file.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description {
@@ -47,11 +48,11 @@ struct Material {
 /// Samplers of one kind, each with its material's name and identity.
 #[derive(Clone, Debug)]
 pub struct RivalFile {
-    /// Which kind.
+    /// Kind of all samplers.
     pub kind: RivalKind,
     /// Name and identity of the material, and its sampler.
     pub rivals: Vec<(String, blake3::Hash, Rival)>,
-    /// Wall-clock seconds of their training, where they are known.
+    /// Wall-clock seconds of their training, if known.
     pub seconds: Option<f64>,
 }
 
@@ -59,14 +60,14 @@ impl RivalFile {
     /// Reads a file.
     ///
     /// # Errors
-    /// One sentence that names the file and the field: it is not of this format, is damaged, or holds a field, a tensor or a version that
-    /// this reader does not know.
+    /// The file cannot be read, is not of this format, is damaged, or has an unknown field, tensor or
+    /// version. The error names the file and the field.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         Self::from_bytes(path, &bytes)
     }
 
-    /// [`Self::read`] of bytes that are already there; `path` is for errors.
+    /// Parses bytes as [`Self::read`] does; `path` is for errors.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -112,7 +113,7 @@ impl RivalFile {
         Ok(Self { kind, rivals, seconds: seconds.filter(|seconds| seconds.is_finite()) })
     }
 
-    /// Writes the file to a temporary name beside `path` and renames it. Equal samplers give equal bytes.
+    /// Writes to a temporary file beside `path` and renames it. Equal samplers give equal bytes.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -143,13 +144,13 @@ impl RivalFile {
             let view = TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(|error| failed(error.to_string()))?;
             views.push((name.as_str(), view));
         }
-        // A single entry: the order of several would change from run to run.
+        // A single entry, because the order of several would change between runs.
         let metadata = HashMap::from([("headtail-rival".to_owned(), text)]);
         file::replace(path, &serialize(views, Some(metadata)).map_err(|error| failed(error.to_string()))?)
     }
 }
 
-/// The layer `NAME.weight` `[out, in]`, `NAME.bias` `[out]`.
+/// Reads the layer `NAME.weight` `[out, in]`, `NAME.bias` `[out]`.
 fn read_layer(path: &Path, tensors: &SafeTensors<'_>, name: &str) -> Result<Linear> {
     let take = |part: &str, rank: usize| {
         let field = format!("tensor '{name}.{part}'");
@@ -166,7 +167,7 @@ fn read_layer(path: &Path, tensors: &SafeTensors<'_>, name: &str) -> Result<Line
     Linear::new(name, shape[1], shape[0], &weight, bias).map_err(|error| error.in_file(path))
 }
 
-/// The networks as an array.
+/// Converts the networks to an array.
 pub(super) fn of_count<const N: usize>(networks: Vec<Vec<Linear>>) -> Result<[Vec<Linear>; N]> {
     let found = networks.len();
     networks.try_into().map_err(|_| Error::argument("networks", format!("are {found} instead of {N}")))

@@ -1,7 +1,8 @@
 //! NeuSample's flow: two coupling layers of rational-quadratic splines on the square around the projected disk, over a conditional Gaussian.
 //!
-//! With `x` a point of the plane, `z_1 = A(x_1; x_0)` and `z_0 = B(x_0; z_1)`, each a spline on `[-1, 1]` and the identity beyond, and `z`
-//! has a Gaussian density. Directions are the points of the disk; what is drawn outside of it is no sample.
+//! With `x` a point of the plane, `z_1 = A(x_1; x_0)` and `z_0 = B(x_0; z_1)`, each a spline on `[-1, 1]` and
+//! the identity outside, and `z` has a Gaussian density. Directions are the points of the disk; draws outside
+//! of it are rejected.
 
 use std::f32::consts::TAU;
 
@@ -19,18 +20,19 @@ use crate::{
     spline::{self, Logits, Topology, logit_count},
 };
 
-/// Bins of a spline.
+/// Number of bins of a spline.
 pub const BINS: usize = 20;
-/// Numbers that a network gives a spline: widths, heights, and slopes at the inner knots. The slopes at both ends are 1.
+/// Number of outputs of a spline's network: widths, heights, and slopes at the inner knots. The slopes at
+/// both ends are 1.
 pub const SPLINE_OUTPUTS: usize = 3 * BINS - 1;
-/// Sizes of the network of the Gaussian: its outputs are the middle and the logarithms of the widths.
+/// Sizes of the network of the Gaussian: its outputs are the mean and the logarithms of the widths.
 pub const PRIOR_SIZES: [usize; 3] = [VIEW_CONDITION, 32, 4];
-/// Sizes of the network of a spline: it sees the condition and the other coordinate.
+/// Sizes of the network of a spline: its inputs are the condition and the other coordinate.
 pub const FLOW_SIZES: [usize; 4] = [VIEW_CONDITION + COORDINATE, 32, 32, SPLINE_OUTPUTS];
 /// Logarithms of widths are `LOG_WIDTH[0] + LOG_WIDTH[1] (2 sigmoid(raw) - 1)`.
 pub const LOG_WIDTH: [f32; 2] = [-1.5, 2.5];
 
-/// Rows of what a network gives, and of what a spline takes.
+/// Rows of a network's output, and of a spline's input.
 const WIDEST: usize = SPLINE_OUTPUTS;
 const LOGITS: usize = logit_count(BINS);
 
@@ -38,9 +40,9 @@ const LOGITS: usize = logit_count(BINS);
 #[derive(Clone, Debug)]
 pub struct Flow {
     prior: Network,
-    /// Of `B`, which moves coordinate 0.
+    /// Network of `B`, which transforms coordinate 0.
     second: Network,
-    /// Of `A`, which moves coordinate 1.
+    /// Network of `A`, which transforms coordinate 1.
     first: Network,
 }
 
@@ -58,7 +60,7 @@ impl Flow {
         vec![self.prior.layers(), self.second.layers(), self.first.layers()]
     }
 
-    /// Middle and widths of the Gaussian.
+    /// Computes mean and widths of the Gaussian.
     #[inline(always)]
     fn prior<S: Simd>(&self, simd: S, condition: &[Lanes; VIEW_CONDITION]) -> [[Lanes; 2]; 2] {
         let mut raw = [[0.0; LANES]; 32];
@@ -73,7 +75,7 @@ impl Flow {
         [[raw[0], raw[1]], widths]
     }
 
-    /// The logits of a spline that sees the other coordinate.
+    /// Computes the logits of a spline from the condition and the other coordinate.
     #[inline(always)]
     fn logits<S: Simd>(
         simd: S,
@@ -88,14 +90,14 @@ impl Flow {
         let mut raw = [[0.0; LANES]; WIDEST];
         network.forward(simd, &input, &mut raw);
         out[..2 * BINS].copy_from_slice(&raw[..2 * BINS]);
-        // Zero logits are slopes of 1: the identity goes on beyond the ends.
+        // Zero logits give slopes of 1, which match the identity outside.
         out[2 * BINS] = [0.0; LANES];
         out[2 * BINS + 1..LOGITS - 1].copy_from_slice(&raw[2 * BINS..SPLINE_OUTPUTS]);
         out[LOGITS - 1] = [0.0; LANES];
     }
 }
 
-/// A spline on `[-1, 1]`, the identity beyond: value and slope `dz/dx`.
+/// Evaluates a spline on `[-1, 1]`, the identity outside: value and slope `dz/dx`.
 #[inline(always)]
 fn coupling(logits: &[Lanes; LOGITS], at: &Lanes, draws: bool) -> (Lanes, Lanes) {
     let mut scratch = [[0.0; LANES]; 2 * BINS];

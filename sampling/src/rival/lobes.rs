@@ -15,14 +15,14 @@ use crate::{
     simd::{self, LANES, Lanes, Simd},
 };
 
-/// Sizes of the network: its outputs are the logits of the cosine lobe and of both Gaussians, then for each Gaussian the middle (x, y) and
-/// the logits of the widths.
+/// Sizes of the network: its outputs are the logits of the cosine lobe and of both Gaussians, then for each
+/// Gaussian the mean (x, y) and the logits of the widths.
 pub const LOBES_SIZES: [usize; 3] = [VIEW_CONDITION, 32, 11];
-/// The least share of the cosine lobe; it bounds the weights by those of cosine sampling.
+/// Smallest mixture weight of the cosine lobe; bounds the weights by those of cosine sampling.
 pub const LEAST_COSINE_SHARE: f32 = 0.02;
-/// The least standard deviation of a Gaussian on the disk.
+/// Smallest standard deviation of a Gaussian on the disk.
 pub const LEAST_WIDTH: f32 = 0.01;
-/// How much wider a Gaussian may be.
+/// Range of standard deviations above [`LEAST_WIDTH`].
 pub const WIDTH_RANGE: f32 = 1.0;
 /// Slope of the leaky ReLU of the networks of lobes and flows.
 pub const LEAKY_SLOPE: f32 = 0.01;
@@ -37,7 +37,7 @@ pub struct Lobes {
 
 /// A strip of mixtures.
 struct Mixture {
-    /// Of the cosine lobe, then of the Gaussians; they sum to 1.
+    /// Mixture weights of the cosine lobe, then of the Gaussians; they sum to 1.
     shares: [Lanes; 1 + GAUSSIANS],
     middles: [[Lanes; 2]; GAUSSIANS],
     widths: [[Lanes; 2]; GAUSSIANS],
@@ -84,7 +84,7 @@ impl Lobes {
 }
 
 impl Mixture {
-    /// The density over solid angle of one lane.
+    /// Returns the density over solid angle of one lane.
     #[inline(always)]
     fn density(&self, lane: usize, wi: [f32; 3]) -> f32 {
         let mut over_disk = self.shares[0][lane] * FRAC_1_PI;
@@ -120,7 +120,7 @@ impl Local for Lobes {
             } else {
                 1.0
             };
-            // What is left of the number stretches over the unit interval.
+            // Stretches the remainder of the number to the unit interval.
             let stretched = (u[0][lane] - from) / (to - from);
             let stretched = if stretched < BELOW_ONE { stretched } else { BELOW_ONE };
             let (cos, sin) = simd::cos_sin_turns(u[1][lane]);

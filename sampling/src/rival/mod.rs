@@ -1,12 +1,12 @@
-//! Samplers that others trained for neural materials, to compare with: they know the material and not the light.
+//! Published samplers for neural materials, as baselines: they depend on the material and not on the light.
 //!
 //! - [`Lobes`]: two Gaussians and a cosine lobe on the projected disk (the analytic mixture of NeuSample, Xu et al. 2023);
 //! - [`Flow`]: two coupling layers of rational-quadratic splines on the disk over a conditional Gaussian (NeuSample's flow);
 //! - [`Reparameterised`]: a network from a disk of uniform numbers to directions, with its Jacobian (after Wu et al. 2025).
 //!
-//! All of them give the exact density of what they draw. A draw that leaves the hemisphere is no sample: it counts as zero, so that the
-//! density integrates to the share of draws that are left. Each is for one material, which it knows by [`Brdf::identity`]; points of
-//! other materials are drawn by BRDF sampling.
+//! All of them have an exact density. A draw below the surface is rejected and counts as 0, so that the
+//! density integrates to the fraction of accepted draws. Each is for one material, identified by
+//! [`Brdf::identity`]; points of other materials use BRDF sampling.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -14,7 +14,7 @@
 //! | `encoding.rs` | the inputs of their networks |
 //! | `sampler.rs` | rivals over columns and in scenes |
 //! | `file.rs` | the file format |
-//! | `trace.rs` | what training the reparameterised sampler needs |
+//! | `trace.rs` | derivatives for training the reparameterised sampler |
 
 mod encoding;
 mod file;
@@ -43,7 +43,7 @@ use crate::{
 };
 use sampler::{density_columns, sample_columns};
 
-/// Which of them a sampler is.
+/// The kinds of these samplers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RivalKind {
@@ -56,10 +56,10 @@ pub enum RivalKind {
 }
 
 impl RivalKind {
-    /// All of them.
+    /// All kinds.
     pub const ALL: [Self; 3] = [Self::Lobes, Self::Flow, Self::Reparam];
 
-    /// Its name in files and on the command line.
+    /// Returns its name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Lobes => "lobes",
@@ -68,7 +68,7 @@ impl RivalKind {
         }
     }
 
-    /// Names and sizes of its networks, from input to output.
+    /// Returns the names and sizes of its networks, from input to output.
     pub fn networks(self) -> &'static [(&'static str, &'static [usize])] {
         match self {
             Self::Lobes => &[("lobes", &LOBES_SIZES)],
@@ -101,10 +101,10 @@ pub enum Rival {
 }
 
 impl Rival {
-    /// A sampler of the layers of its networks, in the order of [`RivalKind::networks`].
+    /// Creates a sampler from the layers of its networks, in the order of [`RivalKind::networks`].
     ///
     /// # Errors
-    /// When a network has other sizes.
+    /// A network has other sizes.
     pub fn new(kind: RivalKind, networks: Vec<Vec<Linear>>) -> Result<Self> {
         Ok(match kind {
             RivalKind::Lobes => Self::Lobes(Lobes::new(networks)?),
@@ -113,7 +113,7 @@ impl Rival {
         })
     }
 
-    /// Which it is.
+    /// Returns its kind.
     pub fn kind(&self) -> RivalKind {
         match self {
             Self::Lobes(_) => RivalKind::Lobes,
@@ -122,7 +122,7 @@ impl Rival {
         }
     }
 
-    /// The layers of its networks, in the order of [`RivalKind::networks`].
+    /// Returns the layers of its networks, in the order of [`RivalKind::networks`].
     pub fn networks(&self) -> Vec<&[Linear]> {
         match self {
             Self::Lobes(lobes) => lobes.networks(),
@@ -131,7 +131,7 @@ impl Rival {
         }
     }
 
-    /// Draws directions at surfaces of a material, with their solid-angle pdfs; pdf 0 is no sample.
+    /// Samples directions at surfaces of a material, with their solid-angle pdfs; pdf 0 means "no sample".
     pub fn sample(
         &self,
         brdf: &dyn Brdf,
@@ -148,7 +148,7 @@ impl Rival {
         }
     }
 
-    /// The solid-angle pdfs of [`Self::sample`].
+    /// Computes the solid-angle pdfs of [`Self::sample`].
     pub fn pdf(&self, brdf: &dyn Brdf, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         match self {
             Self::Lobes(lobes) => density_columns(lobes, brdf, at, wi, out, arena),

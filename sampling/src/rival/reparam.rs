@@ -1,17 +1,20 @@
-//! A reparameterised sampler: a network takes uniform points to directions, and its Jacobian, computed forward, is the density (after Wu et
-//! al. 2025, "Neural BRDF Importance Sampling by Reparameterization").
+//! A reparameterised sampler: a network maps uniform points to directions, and its Jacobian, computed in
+//! forward mode, gives the density (after Wu et al. 2025, "Neural BRDF Importance Sampling by
+//! Reparameterization").
 //!
-//! Directions are slopes `s = wi.xy / wi.z`, points of a disk `d` are slopes `p = d / sqrt(1 - |d|^2)`, so that the identity from `p` to
-//! `s` is cosine sampling. The network of features, view and `d` gives a shift `t` and a logarithmic scale `b`, and
+//! Directions are slopes `s = wi.xy / wi.z`, points of a disk `d` are slopes `p = d / sqrt(1 - |d|^2)`, so
+//! that the identity from `p` to `s` is cosine sampling. From features, view and `d`, the network computes a
+//! shift `t` and a logarithmic scale `b`, and
 //!
 //! ```text
 //! F(p) = exp(b(d)) p + t(d),   pdf(wi) = 1 / (pi (1 + p^2)^2 |det dF/dp| wi.z^3)
 //! ```
 //!
-//! Both are bounded, so that F is homotopic to the identity far out and reaches every direction. Nothing makes it one to one, and where several
-//! points lead to a direction the formula alone would be biased. So a search finds one point for every direction, always the same; a draw
-//! from any other point is no sample, and the density of directions whose search fails is that of a cosine lobe, which a share of the draws
-//! comes from. The density is thereby exact for all weights.
+//! Both are bounded, so that F is homotopic to the identity far out and reaches every direction. F may not be
+//! one-to-one, and where several points map to a direction the formula alone would be biased. A deterministic
+//! search therefore assigns one point to every direction. A draw from any other point is rejected, and
+//! directions whose search fails have the density of a cosine lobe, from which a fraction of the draws comes.
+//! The density is thereby exact for all network weights.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -31,20 +34,22 @@ use crate::{
 
 /// Sizes of the network: its outputs are the shift (x, y) and the logarithmic scale.
 pub const REPARAM_SIZES: [usize; 5] = [DISK_CONDITION, 16, 16, 16, 3];
-/// The share of draws that come from the cosine lobe.
+/// Mixture weight of the cosine lobe.
 pub const COSINE_SHARE: f32 = 0.05;
-/// The largest shift along an axis, as a slope.
+/// Largest shift along an axis, as a slope.
 pub const LARGEST_SHIFT: f32 = 8.0;
-/// The largest logarithm of the scale, and the negative of the least.
+/// Largest absolute value of the logarithm of the scale.
 pub const LARGEST_LOG_SCALE: f32 = 3.0;
 
 /// The widest layer.
 const WIDEST: usize = 16;
-/// Steps of the search for the point of a direction, and the largest step relative to `sqrt(1 + p^2)`.
+/// Number of steps of the search for the point of a direction, and the largest step relative to
+/// `sqrt(1 + p^2)`.
 const SEARCH_STEPS: usize = 12;
 const LARGEST_STEP: f32 = 0.7;
-/// How near in `p`, relative to `sqrt(1 + p^2)`, what is found has to be to the point that drew a direction; and how near in `s` its
-/// direction has to be to the one that was looked for. Rounding of `s` by f32 is some 1e-6, stretched by `1 / |dF|`.
+/// Tolerance in `p`, relative to `sqrt(1 + p^2)`, between the search's result and the point that drew a
+/// direction; and in `s`, between the result's direction and the target. Rounding of `s` by f32 is about
+/// 1e-6, stretched by `1 / |dF|`.
 const SAME_POINT: f32 = 1e-2;
 const SAME_SLOPE: f32 = 1e-3;
 
@@ -52,11 +57,11 @@ const SAME_SLOPE: f32 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct Reparameterised {
     layers: Vec<Linear>,
-    /// The first layer's parts for what is known of the point, and for the disk.
+    /// The first layer's parts for features and view, and for the disk; then the other layers.
     packed: Vec<Packed>,
 }
 
-/// What the first layer makes of features and view.
+/// The first layer's contribution from features and view.
 pub(super) type Start = [Lanes; WIDEST];
 
 /// A strip of values of F, with the columns of its Jacobian.
@@ -87,7 +92,7 @@ impl Reparameterised {
         vec![&self.layers]
     }
 
-    /// What the first layer makes of features and view.
+    /// The first layer's contribution from features and view.
     #[inline(always)]
     pub(super) fn start<S: Simd>(&self, simd: S, seen: &Seen) -> Start {
         let mut input = [[0.0; LANES]; FEATURES + 2];
@@ -98,7 +103,7 @@ impl Reparameterised {
         out
     }
 
-    /// The network and its derivatives by both coordinates of the disk.
+    /// Evaluates the network and its derivatives by both coordinates of the disk.
     #[inline(always)]
     fn network<S: Simd>(&self, simd: S, start: &Start, d: &[Lanes; 2]) -> [[Lanes; WIDEST]; 3] {
         let zeros = [[0.0; LANES]; WIDEST];
@@ -135,7 +140,7 @@ impl Reparameterised {
         x
     }
 
-    /// F with its Jacobian.
+    /// Evaluates F with its Jacobian.
     #[inline(always)]
     pub(super) fn map<S: Simd>(&self, simd: S, start: &Start, p: &[Lanes; 2]) -> Mapped {
         let (mut d, mut inverse) = ([[0.0; LANES]; 2], [0.0; LANES]);
@@ -169,8 +174,8 @@ impl Reparameterised {
         out
     }
 
-    /// The point that a direction is taken to come from, the same for equal directions; and the density there without the cosine lobe, 0 where
-    /// the search fails.
+    /// Returns the point that the search assigns to a direction, equal for equal directions; and the density
+    /// there without the cosine lobe, 0 where the search fails.
     #[inline(always)]
     pub(super) fn search<S: Simd>(&self, simd: S, start: &Start, wi: &[Lanes; 3]) -> ([Lanes; 2], Lanes) {
         let mut s = [[0.0; LANES]; 2];
@@ -179,7 +184,7 @@ impl Reparameterised {
                 s[axis][lane] = wi[axis][lane] / wi[2][lane];
             }
         }
-        // From the middle, Newton's steps of bounded length.
+        // Newton's steps of bounded length from the centre.
         let mut p = [[0.0; LANES]; 2];
         for _ in 0..SEARCH_STEPS {
             let there = self.map(simd, start, &p);
@@ -212,20 +217,21 @@ impl Reparameterised {
     }
 }
 
-/// The length that `p` changes by where its disk changes by about 1.
+/// Returns the change of `p` that changes the disk's point by about 1.
 #[inline(always)]
 pub(super) fn size(x: f32, y: f32) -> f32 {
     (1.0 + x * x + y * y).sqrt()
 }
 
-/// By how much F stretches lengths, at most 1: where it compresses, the tolerance of slopes is compressed as well.
+/// Returns the factor by which F stretches lengths, at most 1: where F compresses, the tolerance of slopes
+/// shrinks as well.
 #[inline(always)]
 fn determinant_root(there: &Mapped, lane: usize) -> f32 {
     let root = there.determinant(lane).abs().sqrt();
     if root < 1.0 { root } else { 1.0 }
 }
 
-/// `bound tanh(x / bound)` and its slope.
+/// Returns `bound tanh(x / bound)` and its slope.
 #[inline(always)]
 fn bounded(x: f32, bound: f32) -> (f32, f32) {
     let t = 2.0 * simd::sigmoid(2.0 * x / bound) - 1.0;
@@ -280,7 +286,7 @@ impl Local for Reparameterised {
     }
 }
 
-/// The density of both kinds of draws.
+/// Returns the density of the mixture with the cosine lobe.
 #[inline(always)]
 pub(super) fn mixture(density: f32, z: f32) -> f32 {
     (1.0 - COSINE_SHARE) * density + COSINE_SHARE * FRAC_1_PI * z

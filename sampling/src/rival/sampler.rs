@@ -1,4 +1,4 @@
-//! Rivals over columns of shading points, and as samplers of a scene.
+//! Rivals over columns of shading points, and as scene samplers.
 
 use std::{path::Path, sync::Arc};
 
@@ -14,21 +14,23 @@ use crate::{
 
 /// A sampler of directions in the tangent frame, for a strip of points.
 pub(super) trait Local {
-    /// Directions for uniform numbers, with their solid-angle pdfs. Directions without a positive z are no samples.
+    /// Maps uniform numbers to directions with their solid-angle pdfs. Directions without a positive z are
+    /// rejected.
     fn sample<S: Simd>(&self, simd: S, seen: &Seen, u: [Lanes; 2]) -> ([Lanes; 3], Lanes);
 
-    /// The solid-angle pdfs of [`Self::sample`] at directions above the surface.
+    /// Computes the solid-angle pdfs of [`Self::sample`] for directions above the surface.
     fn pdf<S: Simd>(&self, simd: S, seen: &Seen, wi: [Lanes; 3]) -> Lanes;
 }
 
-/// Two independent normal deviates of a uniform number and of the cosine and sine of a uniform angle (Box and Muller 1958).
+/// Returns two independent normal deviates, from a uniform number and the cosine and sine of a uniform angle
+/// (Box and Muller 1958).
 #[inline(always)]
 pub(super) fn normal_pair(u: f32, cos: f32, sin: f32) -> (f32, f32) {
     let radius = (-2.0 * simd::ln(1.0 - u)).sqrt();
     (radius * cos, radius * sin)
 }
 
-/// Columns of tangents and features.
+/// Number of columns of tangents and features.
 const COLUMNS: usize = 6 + FEATURES;
 
 fn load(brdf: &dyn Brdf, at: &Surfaces<'_>, columns: [&mut [Lanes]; COLUMNS]) {
@@ -109,7 +111,8 @@ fn seen(at: &Surfaces<'_>, axes: &Axes, columns: &[&[Lanes]; COLUMNS], strip: us
     Seen { features, wo: to_local(axes, &[at.wo[0][strip], at.wo[1][strip], at.wo[2][strip]]) }
 }
 
-/// Pdfs of what is no sample are 0: directions or views below the surface, and whatever is no positive number.
+/// Sets the pdfs of rejected samples to 0: directions or views below the surface, and pdfs that are not
+/// positive or reach 1e30.
 #[inline(always)]
 fn masked(pdf: &Lanes, wi: &Lanes, wo: &Lanes) -> Lanes {
     let mut out = [0.0; LANES];
@@ -150,19 +153,19 @@ vectorized! {
     }
 }
 
-/// The samplers of a file at the points of the materials that they were trained for; BRDF sampling elsewhere.
+/// The samplers of a file, for points of the materials that they were trained for; BRDF sampling elsewhere.
 #[derive(Clone, Debug)]
 pub struct RivalSampler {
     rivals: Arc<[(blake3::Hash, Rival)]>,
 }
 
 impl RivalSampler {
-    /// Of some samplers, each with the identity of its material.
+    /// Creates a sampler from several, each with the identity of its material.
     pub fn new(rivals: Vec<(blake3::Hash, Rival)>) -> Self {
         Self { rivals: rivals.into() }
     }
 
-    /// Reads a file whose samplers are of the kinds that are asked for.
+    /// Reads a file of samplers of one of `kinds`.
     ///
     /// # Errors
     /// The file cannot be read, or holds another kind.
@@ -175,10 +178,10 @@ impl RivalSampler {
         Ok(Self::new(file.rivals.into_iter().map(|(_, identity, rival)| (identity, rival)).collect()))
     }
 
-    /// Checks that a scene's table has one of the materials.
+    /// Checks that a scene's table has at least one of the materials.
     ///
     /// # Errors
-    /// It has none: all directions would come from BRDF sampling.
+    /// The table has none of them: all directions would come from BRDF sampling.
     pub fn check(&self, brdfs: &BrdfTable) -> Result<()> {
         let is_there = brdfs.added().any(|brdf| self.of(&**brdf).is_some());
         let reason = "was trained for a material that the scene does not have";

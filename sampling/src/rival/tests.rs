@@ -14,7 +14,7 @@ use crate::{
     tile::ShadingPoint,
 };
 
-/// A sampler of random weights; `size` scales them.
+/// Returns a sampler with random weights; `size` scales them.
 fn random_rival(kind: RivalKind, seed: u64, size: f32) -> Rival {
     let mut random = Stream::new(seed, Purpose::Test, 7);
     let mut layer = |inputs: usize, outputs: usize| {
@@ -27,7 +27,7 @@ fn random_rival(kind: RivalKind, seed: u64, size: f32) -> Rival {
     Rival::new(kind, networks.collect()).unwrap()
 }
 
-/// A material of random weights with a point of it, and a sampler for it.
+/// Returns a point of a material with random weights, and a sampler for it.
 fn case(kind: RivalKind, seed: u64, size: f32) -> (OnePoint, RivalSampler) {
     let material = Arc::new(random_material(seed, 8));
     let sampler = RivalSampler::new(vec![(material.hash(), random_rival(kind, seed, size))]);
@@ -49,16 +49,17 @@ fn pdfs(one: &OnePoint, sampler: &RivalSampler, wi: &[Vec3A]) -> Vec<f32> {
     one.map(wi, |wi, [pdf]| sampler.pdf(&one.tile().rows(), &[], wi, pdf, &one.arena)).map(|[pdf]| pdf).collect()
 }
 
-/// Kinds, and how large weights of random samplers are: larger ones have structure that cells of the test do not resolve.
+/// Kinds, and the scale of weights of random samplers: larger weights have structure that the cells of the
+/// test do not resolve.
 const CASES: [(RivalKind, f32); 3] = [(RivalKind::Lobes, 1.5), (RivalKind::Flow, 0.7), (RivalKind::Reparam, 0.4)];
 const SEEDS: u64 = 4;
 
 #[test]
-fn draws_follow_their_density_which_integrates_to_the_share_that_is_kept() {
+fn draws_follow_a_density_that_integrates_to_the_acceptance_rate() {
     for (kind, size) in CASES {
         for seed in 0..SEEDS {
             let (one, sampler) = case(kind, seed, size);
-            // Cells of the horizon are cut: their integral is off by some tenths of a percent.
+            // Cells at the horizon are cut: their integral is off by several 0.1 %.
             let test = headtail_render::statistics::SphereChiSquare {
                 rows: 25,
                 subcells: 15,
@@ -77,7 +78,7 @@ fn draws_follow_their_density_which_integrates_to_the_share_that_is_kept() {
 }
 
 #[test]
-fn the_density_of_a_draw_is_the_density_there() {
+fn density_of_a_draw_matches_its_pdf() {
     for (kind, size) in CASES {
         for seed in 0..SEEDS {
             let (one, sampler) = case(kind, seed, size);
@@ -87,7 +88,8 @@ fn the_density_of_a_draw_is_the_density_there() {
             assert!(drawn.len() > 200, "{kind:?} {seed}: {}", drawn.len());
             let wi: Vec<Vec3A> = drawn.iter().map(|(wi, _)| *wi).collect();
             let worst = drawn.iter().zip(pdfs(&one, &sampler, &wi)).filter(|((_, own), there)| {
-                // Directions are rounded to f32 in the world's axes: near the horizon and at steep splines that moves densities.
+                // Directions are rounded to f32 in world axes: near the horizon and at steep splines that
+                // changes densities.
                 (own - there).abs() > 2e-2 * own.max(*there)
             });
             assert!(worst.count() * 200 <= drawn.len(), "{kind:?} {seed}");
@@ -96,8 +98,9 @@ fn the_density_of_a_draw_is_the_density_there() {
 }
 
 #[test]
-fn estimates_have_no_bias_even_where_the_network_folds() {
-    // A network of such weights takes several points to one direction: a tenth of its draws and more are no samples.
+fn estimates_are_unbiased_where_the_network_folds() {
+    // With large weights, the network maps several points to one direction: 10 % or more of its draws are
+    // rejected.
     for (kind, size) in [(RivalKind::Lobes, 1.5), (RivalKind::Reparam, 0.4), (RivalKind::Reparam, 1.0)] {
         for seed in 0..SEEDS {
             let (one, sampler) = case(kind, seed, size);
@@ -113,14 +116,14 @@ fn estimates_have_no_bias_even_where_the_network_folds() {
             let (sum, squares) = values.fold((0.0, 0.0), |(sum, squares), v| (sum + v, squares + v * v));
             let mean = sum / u.len() as f64;
             let error = ((squares / u.len() as f64 - mean * mean) / u.len() as f64).sqrt();
-            // Twelve tests: five standard errors fail once in 100 000 runs.
+            // 12 tests: 5 standard errors fail once in 100,000 runs.
             assert!((mean - 1.0).abs() < 5.0 * error, "{kind:?} {size} {seed}: {mean} +- {error}");
         }
     }
 }
 
 #[test]
-fn other_materials_are_drawn_by_their_own_sampling() {
+fn other_materials_use_brdf_sampling() {
     let (one, _) = case(RivalKind::Flow, 0, 1.0);
     let other = RivalSampler::new(vec![(blake3::hash(b"another"), random_rival(RivalKind::Flow, 0, 1.0))]);
     let mut random = Stream::new(0, Purpose::Test, 10);
@@ -130,7 +133,7 @@ fn other_materials_are_drawn_by_their_own_sampling() {
 }
 
 #[test]
-fn what_is_written_is_read_and_what_is_damaged_is_a_sentence() {
+fn files_round_trip_and_damaged_files_are_rejected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rival.safetensors");
     for kind in RivalKind::ALL {
@@ -149,7 +152,7 @@ fn what_is_written_is_read_and_what_is_damaged_is_a_sentence() {
             let mut damaged = bytes.clone();
             let at = (random.uniform() * damaged.len() as f32) as usize;
             damaged[at] = (256.0 * random.uniform()) as u8;
-            // Weights may change; whatever is read is a sampler of the right sizes.
+            // Weights may change, but any file that is read is a sampler of the right sizes.
             if let Err(error) = RivalFile::from_bytes(Path::new("damaged"), &damaged) {
                 assert!(!error.to_string().contains('\n'));
             }
@@ -159,7 +162,7 @@ fn what_is_written_is_read_and_what_is_damaged_is_a_sentence() {
     assert!(error.contains("'reparam'") && error.contains("flow"), "{error}");
 }
 
-/// A file's bytes with other metadata.
+/// Returns a file's bytes with changed metadata.
 fn with_metadata(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> Vec<u8> {
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let mut header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
@@ -172,7 +175,7 @@ fn with_metadata(bytes: &[u8], change: impl FnOnce(&mut serde_json::Value)) -> V
 }
 
 #[test]
-fn metadata_that_do_not_fit_are_a_sentence() {
+fn invalid_metadata_is_rejected() {
     type Change<'a> = &'a dyn Fn(&mut serde_json::Value);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("rival.safetensors");

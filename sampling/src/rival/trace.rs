@@ -1,4 +1,5 @@
-//! What training the reparameterised sampler needs: the points that directions come from, and how their densities change with them.
+//! Derivatives for training the reparameterised sampler: the points that directions come from, and how their
+//! densities change with these points.
 
 use super::{
     COSINE_SHARE, Reparameterised,
@@ -11,22 +12,24 @@ use crate::{
     simd::{self, LANES, Lanes, Simd},
 };
 
-/// A direction with what its density depends on, in the tangent frame.
+/// The quantities on which the density of a direction depends, in the tangent frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Traced {
-    /// The point that the direction is taken to come from.
+    /// The point that the search assigns to the direction.
     pub p: [f32; 2],
-    /// `J^-T` times the gradient of the logarithm of the density at `p`, by `p`: what one more unit of `F(p)` takes from it.
+    /// `J^-T` times the gradient by `p` of the logarithm of the density at `p`: the decrease of the log
+    /// density per unit of `F(p)`.
     pub pull: [f32; 2],
-    /// The share of the density that does not come from the cosine lobe; 0 where no point was found.
+    /// The fraction of the density that does not come from the cosine lobe; 0 where no point was found.
     pub share: f32,
 }
 
-/// Numbers of a question: features, `wo`, `wi`.
+/// Number of inputs of a question: features, `wo`, `wi`.
 const INPUTS: usize = FEATURES + 6;
 
 impl Reparameterised {
-    /// Traces directions `wi` back, each with its features and `wo`; all in the tangent frame and above the surface.
+    /// Traces directions `wi` back to points, each with its features and `wo`; all in the tangent frame and
+    /// above the surface.
     pub fn trace(&self, questions: &[([f32; FEATURES], [f32; 3], [f32; 3])]) -> Vec<Traced> {
         let count = strips(questions.len());
         let mut input = vec![[[0.0; LANES]; INPUTS]; count];
@@ -46,7 +49,7 @@ impl Reparameterised {
         (0..questions.len()).map(traced).collect()
     }
 
-    /// The logarithm of the density of slopes at `p` but for a constant: `-2 ln(1 + p^2) - ln |det J|`.
+    /// Returns the logarithm of the density of slopes at `p` up to a constant: `-2 ln(1 + p^2) - ln |det J|`.
     #[inline(always)]
     fn log_density<S: Simd>(&self, simd: S, start: &Start, p: &[Lanes; 2]) -> Lanes {
         let there = self.map(simd, start, p);
@@ -60,10 +63,10 @@ impl Reparameterised {
         out
     }
 
-    /// The gradient of [`Self::log_density`] by central differences.
+    /// Returns the gradient of [`Self::log_density`] by central differences.
     #[inline(always)]
     fn log_slopes<S: Simd>(&self, simd: S, start: &Start, p: &[Lanes; 2]) -> [Lanes; 2] {
-        // Rounding of some 1e-6 over a step of 2e-3, and a third derivative of the same size.
+        // Balances the error from rounding, 1e-6 / 2e-3, with that from the third derivative.
         const STEP: f32 = 2e-3;
         let mut slopes = [[0.0; LANES]; 2];
         for axis in 0..2 {

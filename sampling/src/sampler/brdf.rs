@@ -3,7 +3,7 @@
 use super::{Coverage, Draws, Sampler};
 use crate::{columns::Arena, simd::Lanes, tile::Rows};
 
-/// Samples the BRDF times cosine and nothing else.
+/// Samples the BRDF times cosine, without regard to the light.
 #[derive(Clone, Copy, Debug)]
 pub struct BrdfSampler;
 

@@ -1,4 +1,5 @@
-//! What of the integrand a sampler can draw, as a value: only what covers all of it may be used alone.
+//! The part of the integrand that a sampler covers, as a value: only a sampler that covers all of it may be
+//! used alone.
 
 use super::{Draws, Sampler};
 use crate::{
@@ -8,24 +9,24 @@ use crate::{
     tile::Rows,
 };
 
-/// What of light x BRDF x cosine a sampler can draw.
+/// The part of light x BRDF x cosine that a sampler covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Coverage {
     /// The pdf is positive wherever the integrand is: the sampler may be used alone without bias.
     Everything,
-    /// Regions are left to a partner.
+    /// Some regions are left to another sampler.
     Part,
 }
 
-/// A sampler that covers the integrand: the only kind that an estimator takes.
+/// A sampler that covers the integrand; estimators accept no other.
 #[derive(Clone, Debug)]
 pub struct Covering<S>(S);
 
 impl<S: Sampler> Covering<S> {
-    /// Takes a sampler that covers the integrand.
+    /// Wraps a sampler that covers the integrand.
     ///
     /// # Errors
-    /// It does not: an estimate with it alone would be biased.
+    /// The sampler covers only a part; an estimate with it alone would be biased.
     pub fn new(sampler: S) -> Result<Self> {
         match sampler.coverage() {
             Coverage::Everything => Ok(Self(sampler)),
@@ -35,12 +36,12 @@ impl<S: Sampler> Covering<S> {
         }
     }
 
-    /// The sampler.
+    /// Returns the sampler.
     pub fn get(&self) -> &S {
         &self.0
     }
 
-    /// The sampler, alone.
+    /// Unwraps the sampler.
     pub fn into_inner(self) -> S {
         self.0
     }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::{Coverage, Draws, EnvironmentLight, Sampler};
 use crate::{columns::Arena, error::Result, simd::Lanes, tail::Tail, tile::Rows};
 
-/// Samples the environment map and nothing else.
+/// Samples the environment map, without regard to the surface.
 #[derive(Clone, Debug)]
 pub struct EmitterSampler {
     light: EnvironmentLight,
@@ -18,10 +18,11 @@ impl EmitterSampler {
         Self { coverage: light.coverage(), light }
     }
 
-    /// Emitter sampling for use beside BRDF sampling: MIS compensation (Karlik et al. 2019).
+    /// Emitter sampling for use with BRDF sampling: MIS compensation (Karlik et al. 2019).
     ///
-    /// The mean luminance is subtracted from the map and what is negative is cut off: dim regions are left to the partner, so this sampler
-    /// covers a part only. A constant map, of which nothing would be left, is kept as it is.
+    /// The mean luminance is subtracted from the map and negative values are clipped: dim regions are left to
+    /// the other sampler, so that this one covers only a part. A constant map, of which nothing would remain,
+    /// is not changed.
     ///
     /// # Errors
     /// See [`Tail::new`].
@@ -31,7 +32,7 @@ impl EmitterSampler {
         let luminance = environment.luminance();
         let mean = solid_angle_mean(width, height, &luminance);
         let compensated: Vec<f32> = luminance.iter().map(|value| (value - mean).max(0.0)).collect();
-        // What is left of a constant map is rounding noise.
+        // The remainder of a constant map is rounding noise.
         let left = solid_angle_mean(width, height, &compensated);
         let kept = if left > 1e-4 * mean { &compensated } else { &luminance };
         let tail = Tail::new(light.tail().kind(), width, height, kept)?;
@@ -40,7 +41,7 @@ impl EmitterSampler {
     }
 }
 
-/// The mean of a map over the sphere.
+/// Returns the mean of a map over the sphere.
 fn solid_angle_mean(width: usize, height: usize, luminance: &[f32]) -> f32 {
     let (mut sum, mut weights) = (0.0_f64, 0.0_f64);
     for (row, values) in luminance.chunks_exact(width).enumerate() {

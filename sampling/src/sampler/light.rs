@@ -21,7 +21,7 @@ pub struct EnvironmentLight {
 }
 
 impl EnvironmentLight {
-    /// Builds the tail of a kind for a map.
+    /// Builds a tail for a map.
     ///
     /// # Errors
     /// See [`Tail::new`].
@@ -30,8 +30,8 @@ impl EnvironmentLight {
         Ok(Self { environment, tail: Arc::new(tail), coverage: Coverage::Everything })
     }
 
-    /// Joins a map to a tail that may have been built for a modification of it. The coverage is
-    /// [`Coverage::Part`] where the tail does not reach all light of the map.
+    /// Combines a map with a tail that may have been built for a modified map. The coverage is
+    /// [`Coverage::Part`] where the tail does not cover all light of the map.
     pub fn with_tail(environment: Arc<Environment>, tail: Arc<Tail>) -> Self {
         let coverage = if reaches(&tail, &environment) { Coverage::Everything } else { Coverage::Part };
         let light = environment.density();
@@ -40,22 +40,23 @@ impl EnvironmentLight {
         Self { environment, tail, coverage }
     }
 
-    /// The map.
+    /// Returns the map.
     pub fn environment(&self) -> &Arc<Environment> {
         &self.environment
     }
 
-    /// The tail warp.
+    /// Returns the tail warp.
     pub fn tail(&self) -> &Arc<Tail> {
         &self.tail
     }
 
-    /// Whether all light of the map can be drawn through the tail.
+    /// Returns [`Coverage::Everything`] if the tail covers all light of the map.
     pub fn coverage(&self) -> Coverage {
         self.coverage
     }
 
-    /// The directions of points `y` of Y that were drawn with the densities in `out.pdf` (over Y), which become pdfs over solid angle.
+    /// Computes the directions of points `y` of Y. `out.pdf` holds their densities over Y, which become pdfs
+    /// over solid angle.
     pub fn directions(&self, y: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
         let mut columns = arena.columns::<3>(out.pdf.len());
         let [u, v, jacobian] = columns.get_mut();
@@ -67,7 +68,7 @@ impl EnvironmentLight {
         latlong::directions([u, v], out.wi, out.pdf);
     }
 
-    /// The points of Y that are carried to `wi`, and the solid-angle pdfs of `wi` when Y is uniform.
+    /// Computes the points of Y that map to `wi`, and the solid-angle pdfs of `wi` for uniform Y.
     pub fn pull_back(&self, wi: [&[Lanes]; 3], y: [&mut [Lanes]; 2], pdf: &mut [Lanes], arena: &Arena) {
         let mut x = arena.columns::<2>(pdf.len());
         latlong::squares(wi, x.get_mut());
@@ -75,20 +76,20 @@ impl EnvironmentLight {
         latlong::to_solid_angle(x.get()[1], pdf);
     }
 
-    /// The solid-angle pdfs of `wi` when Y is uniform.
+    /// Computes the solid-angle pdfs of `wi` for uniform Y.
     pub fn pdf(&self, wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let mut x = arena.columns::<2>(out.len());
         latlong::squares(wi, x.get_mut());
         self.pdf_at(x.get(), out);
     }
 
-    /// [`Self::pdf`] of the directions of points of X.
+    /// Computes [`Self::pdf`] for the directions of points of X.
     pub fn pdf_at(&self, x: [&[Lanes]; 2], out: &mut [Lanes]) {
         self.tail.density_columns(x, out);
         latlong::to_solid_angle(x[1], out);
     }
 
-    /// [`Self::pdf`] of a list of directions.
+    /// Computes [`Self::pdf`] for a list of directions.
     pub fn pdfs(&self, wi: &[glam::Vec3A]) -> Vec<f32> {
         let arena = Arena::default();
         let mut columns = arena.columns::<4>(strips(wi.len()));

@@ -1,11 +1,12 @@
-//! Direction samplers for direct light: each is written once, over columns of shading points.
+//! Direction samplers for direct light, implemented over columns of shading points.
 //!
-//! Every pdf at these interfaces is over solid angle. A pdf of 0 means "no sample": the estimate of that draw is zero.
+//! Every pdf at these interfaces is over solid angle. A pdf of 0 means "no sample": the estimate of that draw
+//! is 0.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `mod.rs` | the trait `Sampler` |
-//! | `coverage.rs` | what of the integrand a sampler can draw, and `Covering` |
+//! | `coverage.rs` | the part of the integrand that a sampler covers, and `Covering` |
 //! | `light.rs` | a map with its tail |
 //! | `brdf.rs`, `emitter.rs` | BRDF sampling; emitter sampling, MIS compensation |
 //! | `one_sample_mis.rs` | the mixture of two samplers |
@@ -35,52 +36,56 @@ use std::sync::Arc;
 
 use crate::{columns::Arena, simd::Lanes, tile::Rows};
 
-/// Directions that were drawn, one for each row.
+/// Sampled directions, one per row.
 #[derive(Debug)]
 pub struct Draws<'a> {
-    /// Unit directions towards the environment; anything where the pdf is 0.
+    /// Unit directions towards the environment; arbitrary where the pdf is 0.
     pub wi: [&'a mut [Lanes]; 3],
-    /// Solid-angle pdfs, finite; 0 is no sample.
+    /// Solid-angle pdfs, finite; 0 means "no sample".
     pub pdf: &'a mut [Lanes],
 }
 
 /// A distribution of directions at each shading point, with a pdf that can be evaluated anywhere.
 ///
-/// A batch is a list of rows of a tile. All columns of a call have [`Rows::strips`] strips, one lane for each row of the list. An
-/// implementation gives `sample`, `pdf` and `coverage`, and `columns` and `prepare` if something depends on the shading point alone.
+/// A batch is a list of rows of a tile. All columns of a call have [`Rows::strips`] strips, one lane per row
+/// of the list. An implementation provides `sample`, `pdf` and `coverage`, and `columns` and `prepare` if it
+/// has state that depends on the shading point alone.
 pub trait Sampler: Send + Sync {
-    /// How many columns of state a point has.
+    /// Returns the number of columns of state of a point.
     fn columns(&self) -> usize {
         0
     }
 
-    /// Computes what depends on the shading points alone: `state` has [`Self::columns`] lanes for each strip of rows, one strip after the other. A
-    /// sampler that wraps others and keeps the state of several divides it at `columns() * rows.strips()`.
+    /// Computes the state, which depends on the shading points alone: `state` has [`Self::columns`] lanes for
+    /// each strip of rows, one strip after the other. A sampler that wraps others and stores the state of
+    /// several splits it at `columns() * rows.strips()`.
     fn prepare(&self, _at: &Rows<'_>, _state: &mut [Lanes], _arena: &Arena) {}
 
     /// Draws a direction for each row from a uniform point `u` of `[0, 1)^2`.
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena);
 
-    /// The solid-angle pdfs with which [`Self::sample`] draws the unit directions `wi`; 0 where it never does.
+    /// Computes the solid-angle pdfs with which [`Self::sample`] draws the unit directions `wi`; 0 for
+    /// directions that it never draws.
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena);
 
-    /// Which share of samples to draw from this sampler in a mixture with BRDF sampling, in (0, 1): one half, unless the sampler
-    /// has learned better.
+    /// Computes the mixture weight of this sampler in a mixture with BRDF sampling, in (0, 1): 0.5, unless
+    /// the sampler has learned one.
     fn share(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
         out.as_flattened_mut().fill(0.5);
     }
 
-    /// Whether the share follows from the state: a mixture then prepares all rows before it divides them, and asks [`Self::share_of_state`].
+    /// Whether the mixture weight follows from the state: a mixture then prepares all rows before it splits
+    /// them, and calls [`Self::share_of_state`].
     fn has_share_in_state(&self) -> bool {
         false
     }
 
-    /// [`Self::share`] with the state that was prepared; of samplers that have it there.
+    /// Computes [`Self::share`] from the prepared state, if [`Self::has_share_in_state`].
     fn share_of_state(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
         self.share(at, out, arena);
     }
 
-    /// What of the integrand it can draw.
+    /// Returns the part of the integrand that the sampler covers.
     fn coverage(&self) -> Coverage;
 }
 
@@ -118,7 +123,7 @@ impl<S: Sampler + ?Sized> Sampler for Arc<S> {
     }
 }
 
-/// Prepares a sampler for rows and hands its state to `work`.
+/// Prepares a sampler for rows and passes its state to `work`.
 pub fn prepared<T>(sampler: &dyn Sampler, at: &Rows<'_>, arena: &Arena, work: impl FnOnce(&[Lanes]) -> T) -> T {
     let mut state = arena.columns::<1>(sampler.columns() * at.strips());
     sampler.prepare(at, state.get_mut()[0], arena);

@@ -9,12 +9,14 @@ use crate::{
     timings::{Stage, timed},
 };
 
-/// Draws from `first` with the probability that it asks for ([`Sampler::share`], 1/2 unless it was learned), else from `second`; its pdf is
-/// that of the mixture, so it is a sampler like any other. One shadow ray per sample.
+/// Draws from `first` with its mixture weight ([`Sampler::share`], 0.5 unless it was learned), else from
+/// `second`. Its pdf is that of the mixture, so that it is a sampler like any other. One shadow ray per
+/// sample.
 ///
-/// Rows are divided by where they draw from before anything is prepared, so that nothing that was prepared is moved; unless the share follows from
-/// the state of `first`, which is then prepared for all rows. Where few of these draw from `second`, `first` draws for all of them in their place, and what it
-/// drew for the few is written over: that costs less than moving rows and their state.
+/// Rows are split by sampler before anything is prepared, so that no state is moved; unless the mixture
+/// weight follows from the state of `first`, which is then prepared for all rows. Where few of these draw
+/// from `second`, `first` draws for all of them in place, and the few are overwritten: that costs less than
+/// moving rows and their state.
 #[derive(Clone, Debug)]
 pub struct OneSampleMis<A, B> {
     first: A,
@@ -84,7 +86,7 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
         }
     }
 
-    /// Draws from `first` for all rows; for those that draw from `second`, anything.
+    /// Draws from `first` for all rows; arbitrary for those that draw from `second`.
     fn sample_first_in_place(
         &self,
         at: &Rows<'_>,
@@ -120,15 +122,16 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
     }
 }
 
-/// All rows are many where they are more than so many times those that draw from the second sampler.
+/// `first` draws in place where all rows are more than this many times the rows of `second`.
 const MANY: usize = 4;
 
-/// The pdf of a mixture at what one of its samplers has drawn with a share: no sample of one is no sample of the mixture.
+/// Returns the pdf of a mixture at a draw of one of its samplers, whose mixture weight is `share`; 0 where
+/// that sampler rejects the draw.
 fn of_mixture(own: f32, other: f32, share: f32) -> f32 {
     if own > 0.0 { share * own + (1.0 - share) * other } else { 0.0 }
 }
 
-/// A sampler, and its state where all rows are prepared.
+/// A sampler, and its state if all rows are prepared.
 #[derive(Clone, Copy)]
 struct Source<'a> {
     sampler: &'a dyn Sampler,
@@ -136,7 +139,7 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// Hands its state for rows to `work`: those at `places` of the ones that are prepared, or all.
+    /// Passes its state for rows to `work`: for those at `places` of the prepared ones, or for all.
     fn with_state(&self, at: &Rows<'_>, places: Option<&[u16]>, arena: &Arena, work: impl FnOnce(&[Lanes])) {
         match (self.state, places) {
             (Some(state), None) => work(state),
@@ -151,7 +154,8 @@ impl Source<'_> {
     }
 }
 
-/// The state of the rows at `places`, of `width` lanes for each strip; lanes beyond the last place repeat it.
+/// Gathers the state of the rows at `places`, of `width` lanes for each strip; lanes beyond the last place
+/// repeat it.
 fn move_state(state: &[Lanes], width: usize, places: &[u16], out: &mut [Lanes]) {
     for (places, out) in places.chunks(LANES).zip(out.chunks_exact_mut(width)) {
         let from: [usize; LANES] = std::array::from_fn(|lane| places[lane.min(places.len() - 1)].into());
@@ -168,7 +172,7 @@ struct Part<'a> {
     own: Source<'a>,
     other: Source<'a>,
     places: &'a [u16],
-    /// The interval of uniform numbers that chooses it, from the share of the first sampler.
+    /// The interval of uniform numbers that selects it, from the mixture weight of the first sampler.
     from: fn(f32) -> f32,
     to: fn(f32) -> f32,
 }
@@ -189,12 +193,12 @@ impl Part<'_> {
         }
         let mut drawn = arena.columns::<5>(at.strips());
         let [x, y, z, pdf, other] = drawn.get_mut();
-        // Where all rows are of this part, they are in their order.
+        // If all rows are in this part, they are in order.
         let moved = (self.places.len() < all).then_some(self.places);
         self.own.with_state(&at, moved, arena, |state| {
             self.own.sampler.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena);
         });
-        // The pdf of a sampler that has no share counts nothing.
+        // The pdf of a sampler with mixture weight 0 does not contribute.
         if self
             .places
             .iter()

@@ -1,5 +1,6 @@
-//! The oracle: the product of light, BRDF and cosine, tabulated anew at every shading point. Slow; what product sampling is without the errors of
-//! a model. It does not know visibility, and a sampler that spreads its noise better can beat it.
+//! The oracle: the product of light, BRDF and cosine, tabulated at every shading point. Slow; shows product
+//! sampling without model error. It ignores visibility, so a sampler that distributes its noise better can
+//! have lower error.
 
 use std::sync::Arc;
 
@@ -20,41 +21,42 @@ use crate::{
 
 /// Cells along each side of Y.
 const CELLS: usize = 256;
-/// Points along each side of a cell, by the angle (as a chord) that the cell's directions span: dark regions of a map are
-/// squeezed into few cells of Y, and such a cell is not described by its centre.
+/// Points along each side of a cell, by the angle (as a chord) that the cell's directions span: dark regions
+/// of a map are compressed into few cells of Y, whose centres do not represent them.
 const POINTS: [(f32, usize); 3] = [(0.02, 1), (0.2, 4), (f32::INFINITY, 8)];
-/// Share of the mean over all cells that every cell is given, for each unit of the chord that it spans, and at least.
-/// Whatever direction the points of a cell do not show is drawn with this density.
+/// Floor of each cell as a fraction of the mean over all cells, per unit of the chord that it spans; and its
+/// minimum. Directions that the points of a cell miss are drawn with this density.
 const FLOOR: f32 = 0.05;
 const LEAST_FLOOR: f32 = 1e-3;
-/// Where points of a cell are farther apart than this many widths of the BRDF's narrowest lobe, BRDF samples look into it too.
+/// Where points of a cell are farther apart than this many widths of the BRDF's narrowest lobe, BRDF samples
+/// are added.
 const RESOLVED: f32 = 0.5;
-/// BRDF samples along a side of their square.
+/// BRDF samples along a side of the unit square.
 const LOBE_POINTS: usize = 32;
 
-/// Tabulates BRDF x cosine over 256 x 256 cells of Y, some 1e5 evaluations for each shading point. Through the exact tail the
-/// environment is no part of the table, so no highlight of the map is blurred by it.
+/// Tabulates BRDF x cosine over 256 x 256 cells of Y, with about 1e5 evaluations per shading point. The exact
+/// tail handles the environment, so the table does not blur highlights of the map.
 ///
-/// A glossy lobe can fall between the points of a cell that spans much of the sky. Such cells are also looked into by BRDF samples
-/// that are pulled back through the tail (balance heuristic).
+/// A glossy lobe can fall between the points of a cell that spans much of the sky. BRDF samples that are
+/// pulled back through the tail are added to such cells (balance heuristic).
 #[derive(Clone, Debug)]
 pub struct Oracle {
     tail: Arc<Tail>,
     cells: Arc<[Cell]>,
-    /// Of the points of all cells.
+    /// Directions of the points of all cells.
     directions: Arc<[Vec3A]>,
     /// The largest [`Cell::spacing`].
     coarsest: f32,
 }
 
-/// What is known of a cell of Y before any shading point.
+/// The precomputed part of a cell of Y.
 #[derive(Clone, Debug)]
 struct Cell {
     /// Directions of evenly spaced points, and the tail's pdf over solid angle there.
     points: Box<[(Vec3A, f32)]>,
-    /// Distance of neighbouring points on the unit sphere, at most.
+    /// Largest distance between neighbouring points on the unit sphere.
     spacing: f32,
-    /// Share of the mean that the cell is given in any case.
+    /// Floor of the cell as a fraction of the mean.
     floor: f32,
 }
 
@@ -67,7 +69,8 @@ impl Oracle {
         Self { tail: tail.clone(), cells, directions, coarsest }
     }
 
-    /// The root mean square of the target in each cell: the constant density of least variance.
+    /// Returns the root mean square of the target in each cell: the constant density with the lowest
+    /// variance.
     fn values(&self, point: &OnePoint) -> Vec<f32> {
         let targets: Vec<f32> = point.brdf_cosines(&self.directions).into_iter().map(luminance).collect();
         let resolved = RESOLVED * point.lobe_width();
@@ -89,7 +92,7 @@ impl Oracle {
         values
     }
 
-    /// Adds what BRDF samples see in cells coarser than `resolved`.
+    /// Adds the contributions of BRDF samples to cells coarser than `resolved`.
     fn add_lobe_parts(&self, point: &OnePoint, resolved: f32, values: &mut [f32]) {
         let u =
             |k: usize| Vec2::new((k % LOBE_POINTS) as f32 + 0.5, (k / LOBE_POINTS) as f32 + 0.5) / LOBE_POINTS as f32;
@@ -101,7 +104,7 @@ impl Oracle {
             let emitter = density * latlong::solid_angle_factor(x.y);
             let index = cell_of(y.y) * CELLS + cell_of(y.x);
             let cell = &self.cells[index];
-            // Where the map is black, no y is carried to wi.
+            // Where the map is black, no y maps to wi.
             if emitter > 0.0 && cell.spacing > resolved {
                 values[index] = values[index].hypot(cell.weigh(luminance(target), pdf / emitter).sqrt());
             }
@@ -127,7 +130,7 @@ impl Oracle {
     }
 }
 
-/// The column or row of a coordinate of Y.
+/// Returns the column or row of a coordinate of Y.
 fn cell_of(coordinate: f32) -> usize {
     ((coordinate * CELLS as f32) as usize).min(CELLS - 1)
 }
@@ -147,12 +150,12 @@ impl Cell {
         Self { points: points(side), spacing: 2.0 * chord / side as f32, floor }
     }
 
-    /// Root mean square over the cell's points.
+    /// Returns the root mean square over the cell's points.
     fn value(&self, targets: &[f32]) -> f32 {
         (targets.iter().map(|target| target * target).sum::<f32>() / targets.len() as f32).sqrt()
     }
 
-    /// The same where BRDF samples add their part.
+    /// The same where BRDF samples contribute.
     fn value_beside_lobes(&self, targets: &[f32], brdf_pdfs: &[f32]) -> f32 {
         let points = self.points.iter().zip(targets).zip(brdf_pdfs);
         let part = |((&(_, emitter), &target), &pdf): ((&(Vec3A, f32), &f32), &f32)| {
@@ -161,18 +164,18 @@ impl Cell {
         points.map(part).sum::<f32>().sqrt()
     }
 
-    /// The part of a point in the mean square over the cell, by the balance heuristic between the cell's own points and BRDF
-    /// samples, whose density over Y there is `density`.
+    /// Returns the contribution of a point to the mean square over the cell, by the balance heuristic between
+    /// the cell's own points and BRDF samples, whose density over Y there is `density`.
     fn weigh(&self, target: f32, density: f32) -> f32 {
         let samples = (LOBE_POINTS * LOBE_POINTS) as f32 / (CELLS * CELLS) as f32;
         target * target / (self.points.len() as f32 + samples * density)
     }
 }
 
-/// Numbers of a table.
+/// Number of values of a table.
 const TABLE: usize = CELLS * CELLS + CELLS;
 
-/// The density over Y in a cell of a table.
+/// Returns the density over Y in a cell of a table.
 fn density_of(table: &[f32], column: usize, row: usize) -> f32 {
     let index = row * CELLS + column;
     let before = if column == 0 { 0.0 } else { table[index - 1] };

@@ -1,19 +1,20 @@
-//! The composed warp: a density over the intermediate square Y, carried to directions by the tail.
+//! The composed warp: a density over the intermediate square Y, mapped to directions by the tail.
 
 use super::{Coverage, Draws, EnvironmentLight, Sampler};
 use crate::{columns::Arena, simd::Lanes, tile::Rows};
 
 /// A conditional distribution over the intermediate square Y: a head warp, or a table in its place. Columns are as in [`Sampler`].
 ///
-/// It must be positive all over Y, or at least wherever the BRDF times cosine of the direction `t(y)` is.
+/// It must be positive everywhere on Y, or at least wherever the BRDF times cosine of the direction `t(y)`
+/// is.
 pub trait IntermediateDensity: Send + Sync {
-    /// How many columns of state a point has.
+    /// Returns the number of columns of state of a point.
     fn columns(&self) -> usize;
 
-    /// Computes what depends on the condition (normal, view direction, material) alone.
+    /// Computes the state, which depends on the condition (normal, view direction, material) alone.
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena);
 
-    /// Carries uniform points `z` of `[0, 1)^2` to `y` and the density over Y there.
+    /// Maps uniform points `z` of `[0, 1)^2` to `y` and the density over Y there.
     fn sample(
         &self,
         at: &Rows<'_>,
@@ -24,7 +25,7 @@ pub trait IntermediateDensity: Send + Sync {
         arena: &Arena,
     );
 
-    /// The density over Y at `y`.
+    /// Computes the density over Y at `y`.
     fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], arena: &Arena);
 
     /// See [`Sampler::share`].

@@ -1,4 +1,4 @@
-//! A sampler at one shading point: one strip of copies of the point, derived for every sampler alike.
+//! A sampler at one shading point, as one strip of copies of the point; works for every sampler.
 
 use glam::{Vec2, Vec3A};
 
@@ -19,8 +19,8 @@ pub struct Direction {
     pub pdf: f32,
 }
 
-/// A sampler, prepared for one shading point: what depends on the point alone is computed once, for one strip of lanes, and serves any number of
-/// samples and pdfs. For embedders and tests; a renderer of many points calls [`Sampler`].
+/// A sampler, prepared for one shading point: its state is computed once, for one strip of lanes, and serves
+/// any number of samples and pdfs. For embedders and tests; a renderer of many points calls [`Sampler`].
 ///
 /// ```
 /// use std::sync::Arc;
@@ -47,7 +47,7 @@ impl<'a> AtPoint<'a> {
         Self::of_table(sampler, at, &BrdfTable::default())
     }
 
-    /// Prepares a sampler for a point with a BRDF of a table.
+    /// Prepares a sampler for a point with a BRDF from a table.
     pub fn of_table(sampler: &'a dyn Sampler, at: &ShadingPoint, brdfs: &BrdfTable) -> Self {
         let point = OnePoint::of_table(at, LANES, brdfs);
         let mut state = vec![[0.0; LANES]; sampler.columns()];
@@ -55,7 +55,7 @@ impl<'a> AtPoint<'a> {
         Self { sampler, point, state }
     }
 
-    /// Draws a direction for each uniform point of `[0, 1)^2`; `None` is no sample.
+    /// Draws a direction for each uniform point of `[0, 1)^2`; `None` for rejected samples.
     pub fn sample_many(&self, u: &[Vec2]) -> Vec<Option<Direction>> {
         let draw = |u: [&[Lanes]; 2], [x, y, z, pdf]: [&mut [Lanes]; 4]| {
             let out = Draws { wi: [x, y, z], pdf };
@@ -65,7 +65,7 @@ impl<'a> AtPoint<'a> {
         self.point.map(u, draw).map(direction).collect()
     }
 
-    /// The solid-angle pdfs of unit directions.
+    /// Returns the solid-angle pdfs of unit directions.
     pub fn pdf_many(&self, wi: &[Vec3A]) -> Vec<f32> {
         let pdf = |wi: [&[Lanes]; 3], [out]: [&mut [Lanes]; 1]| {
             self.sampler.pdf(&self.point.tile().rows(), &self.state, wi, out, &self.point.arena);
@@ -73,7 +73,7 @@ impl<'a> AtPoint<'a> {
         self.point.map(wi, pdf).map(|[pdf]| pdf).collect()
     }
 
-    /// Draws a direction from a uniform point of `[0, 1)^2`; `None` is no sample.
+    /// Draws a direction from a uniform point of `[0, 1)^2`; `None` if the sample is rejected.
     pub fn sample(&self, u: Vec2) -> Option<Direction> {
         let u = [[[u.x; LANES]], [[u.y; LANES]]];
         let ([mut x, mut y, mut z], mut pdf) = ([[[0.0; LANES]]; 3], [[0.0; LANES]]);
@@ -89,7 +89,7 @@ impl<'a> AtPoint<'a> {
         (pdf[0][0] > 0.0).then_some(Direction { wi, pdf: pdf[0][0] })
     }
 
-    /// The solid-angle pdf of a unit direction.
+    /// Returns the solid-angle pdf of a unit direction.
     pub fn pdf(&self, wi: Vec3A) -> f32 {
         let (wi, mut pdf) = (wi.to_array().map(|number| [[number; LANES]]), [[0.0; LANES]]);
         let wi = wi.each_ref().map(|column| &column[..]);
@@ -105,7 +105,7 @@ impl<'a> AtPoint<'a> {
         shares[0][0]
     }
 
-    /// The shading point, ready for BRDFs.
+    /// Returns the shading point, ready for BRDFs.
     pub fn point(&self) -> &OnePoint {
         &self.point
     }

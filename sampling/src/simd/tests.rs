@@ -5,7 +5,7 @@ fn grid(from: f64, to: f64) -> impl Iterator<Item = f32> {
 }
 
 #[test]
-fn exponential_and_logarithm_are_those_of_the_library() {
+fn exponential_and_logarithm_match_the_standard_library() {
     for x in grid(-86.9, 87.9) {
         let expected = f64::from(x).exp();
         assert!((f64::from(exp(x)) - expected).abs() < 2e-7 * expected, "{x}");
@@ -32,7 +32,7 @@ fn arguments_out_of_range_stay_finite() {
 }
 
 #[test]
-fn cosine_and_sine_are_those_of_the_library() {
+fn cosine_and_sine_match_the_standard_library() {
     for turns in grid(-2.0, 2.0).chain([0.25, 0.5, 0.75, 1.0, 999.9]) {
         let (cos, sin) = cos_sin_turns(turns);
         let (expected_sin, expected_cos) = (f64::from(turns) * std::f64::consts::TAU).sin_cos();
@@ -42,7 +42,7 @@ fn cosine_and_sine_are_those_of_the_library() {
 }
 
 #[test]
-fn angles_are_those_of_the_library() {
+fn angles_match_the_standard_library() {
     for turns in grid(-0.499_999, 0.499_999).chain([1e-9, 1e-30, 0.25, 0.125, 0.062_5, 0.5]) {
         let (sin, cos) = (f64::from(turns) * std::f64::consts::TAU).sin_cos();
         for scale in [1.0, 1e-18, 1e18] {
@@ -97,7 +97,7 @@ impl Vectorized for Functions<'_> {
 
 #[test]
 fn functions_give_the_same_bits_with_every_instruction_set() {
-    // Every 4099th bit pattern, NaN and infinities among them, then numbers of the size that is common.
+    // Every 4099th bit pattern, including NaN and infinities, then numbers of common magnitude.
     let patterns = (0..1_u32 << 20).map(|k| f32::from_bits(k.wrapping_mul(4099)));
     let x: Vec<f32> = patterns.chain((0..1 << 20).map(|k| (k - (1 << 19)) as f32 * 1.7e-4)).collect();
     let y: Vec<f32> = x.iter().rev().map(|y| y * 0.7).collect();
@@ -116,7 +116,7 @@ fn functions_give_the_same_bits_with_every_instruction_set() {
         for (k, (out, expected)) in out.iter().zip(expected).enumerate() {
             for (function, (out, expected)) in out.iter().zip(expected).enumerate() {
                 for l in 0..LANES {
-                    // Which NaN it is, no one asks.
+                    // The payload of NaN is not compared.
                     let equal = out[l].to_bits() == expected[l].to_bits() || out[l].is_nan() && expected[l].is_nan();
                     assert!(equal, "{name}, function {function} of {}: {} {}", x[k][l], out[l], expected[l]);
                 }
@@ -139,7 +139,7 @@ fn an_instruction_set_is_chosen_by_its_name() {
     }
 }
 
-/// What the next test runs in a process of its own.
+/// Run by the next test in a separate process.
 #[test]
 fn the_instruction_set_has_a_name() {
     let name = instruction_set().unwrap();

@@ -1,4 +1,4 @@
-//! What SPECs build: estimators and samplers for a map and a scene.
+//! Builds SPECs: estimators and samplers for a map and a scene.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::{
     visibility::SceneVisibility,
 };
 
-/// What samplers need to know about a scene.
+/// The properties of a scene that samplers need.
 pub trait SceneContext: Sync {
     /// Returns a hash of all geometry that blocks light.
     fn geometry_hash(&self) -> String;
@@ -21,19 +21,19 @@ pub trait SceneContext: Sync {
     fn brdfs(&self) -> &BrdfTable;
 }
 
-/// What an estimator is built for, beside its map.
+/// The context that an estimator is built for, besides its map.
 #[derive(Clone, Copy)]
 pub struct BuildContext<'a> {
     /// The scene; precomputed visibility must be of it.
     pub scene: Option<&'a dyn SceneContext>,
-    /// Most bytes of learned visibility.
+    /// Largest size of learned visibility, in bytes.
     pub memory: usize,
     /// Whether learned visibility is used even where its predicted gain is below its cost.
     pub always: bool,
 }
 
 impl Default for BuildContext<'_> {
-    /// No scene; 64 MiB of visibility, used where it pays.
+    /// No scene; 64 MiB of visibility, used where it pays off.
     fn default() -> Self {
         Self { scene: None, memory: LearnedVisibility::MEMORY, always: false }
     }
@@ -43,7 +43,7 @@ impl SamplerSpec {
     /// Builds the estimator for a map without a scene: [`Self::build_in`].
     ///
     /// # Errors
-    /// As there; precomputed visibility needs a scene.
+    /// As [`Self::build_in`]; precomputed visibility needs a scene.
     pub fn build(&self, environment: &Arc<Environment>) -> Result<Box<dyn Estimator>> {
         self.build_in(environment, BuildContext::default())
     }
@@ -82,7 +82,7 @@ impl SamplerSpec {
         Ok(Covering::new(sampler)?.into_inner())
     }
 
-    /// The estimator of a SPEC with visibility.
+    /// Builds the estimator of a SPEC with visibility.
     fn with_visibility_in(
         &self,
         environment: &Arc<Environment>,

@@ -1,4 +1,4 @@
-//! All forms of SPECs, for help, mistakes and documentation.
+//! All forms of SPECs, for help, errors and documentation.
 
 use std::fmt::Write;
 
@@ -8,11 +8,11 @@ pub use super::source::Purpose;
 /// A form of SPECs.
 #[derive(Clone, Copy, Debug)]
 pub struct Form {
-    /// As it is written, with FILE, N, M and SOURCE where others stand.
+    /// The form as it is written, with placeholders FILE, N, M and SOURCE.
     pub form: &'static str,
-    /// What it is, in a clause.
+    /// Description in a clause.
     pub what: &'static str,
-    /// What it is for.
+    /// Its purpose.
     pub purpose: Purpose,
 }
 
@@ -20,7 +20,7 @@ const fn form(purpose: Purpose, form: &'static str, what: &'static str) -> Form 
     Form { form, what, purpose }
 }
 
-/// The forms beside those of [`NAMED`].
+/// The forms that are not in [`NAMED`].
 const COMPOUND: [Form; 15] = [
     form(Purpose::Use, "split:N:SOURCE", "the mean of N directions from another form, as in split:4:patches+vis"),
     form(Purpose::Use, "patches+vis", "patches with visibility that is learned before the picture"),
@@ -52,7 +52,7 @@ pub fn forms() -> impl Iterator<Item = Form> {
     NAMED.iter().map(|named| form(named.what.1, named.name, named.what.0)).chain(COMPOUND)
 }
 
-/// The forms of some purposes in lines, for help.
+/// Returns the forms with one of `purposes`, one per line, for help.
 pub fn list(purposes: &[Purpose]) -> String {
     let shown = || forms().filter(|form| purposes.contains(&form.purpose));
     let width = shown().map(|form| form.form.len()).max().unwrap_or(0);
@@ -63,7 +63,7 @@ pub fn list(purposes: &[Purpose]) -> String {
     })
 }
 
-/// What is said of a text that has none of the forms.
+/// Returns the error for a text that matches no form.
 pub(super) fn is_none() -> String {
     let names: Vec<&str> = forms().map(|form| form.form).collect();
     format!("is not one of {}", names.join(", "))

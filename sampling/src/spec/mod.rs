@@ -1,15 +1,16 @@
 //! Sampler specifications (SPECs): `brdf`, `mis`, `ris:4`, `split:4:patches+vis`, `head+mis:FILE`, ...
 //!
-//! A SPEC is a choice on independent axes: the [`Source`] of directions, the [`Companion`] beside it in one-sample MIS, the [`Combiner`] of several
-//! directions, and [`Visibility`]. Combinations that do not exist are rejected when a SPEC is made.
+//! A SPEC is a choice on independent axes: the [`Source`] of directions, the [`Companion`] beside it in
+//! one-sample MIS, the [`Combiner`] of several directions, and [`Visibility`]. Combinations that do not exist
+//! are rejected on construction.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the axes, and which combinations exist |
-//! | `parse.rs`, `print.rs` | their grammar, both ways |
+//! | `mod.rs` | the axes, and their valid combinations |
+//! | `parse.rs`, `print.rs` | parsing and printing |
 //! | `forms.rs` | all forms, for help |
 //! | `source.rs` | sources of directions: names and samplers |
-//! | `build.rs` | the estimators that SPECs name |
+//! | `build.rs` | building estimators |
 
 mod build;
 pub mod forms;
@@ -65,7 +66,7 @@ pub enum Combiner {
 /// Whether masses are multiplied by the probability that light is visible.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Visibility {
-    /// No: all light counts as visible.
+    /// All light counts as visible.
     None,
     /// Learned before each rendering.
     Learned,
@@ -77,23 +78,23 @@ impl SamplerSpec {
     /// One direction from a source and its companion, without visibility.
     ///
     /// # Errors
-    /// [`Error::Argument`]: the two do not exist together.
+    /// [`Error::Argument`] if the two cannot be combined.
     pub fn new(source: Source, companion: Companion) -> Result<Self> {
         Self { source, companion, combiner: Combiner::One, visibility: Visibility::None }.checked()
     }
 
-    /// The same SPEC with another combiner.
+    /// Returns the same SPEC with another combiner.
     ///
     /// # Errors
-    /// [`Error::Argument`]: that combination does not exist.
+    /// [`Error::Argument`] if that combination does not exist.
     pub fn combined(self, combiner: Combiner) -> Result<Self> {
         Self { combiner, ..self }.checked()
     }
 
-    /// The same SPEC with this visibility.
+    /// Returns the same SPEC with this visibility.
     ///
     /// # Errors
-    /// [`Error::Argument`]: the source takes no visibility.
+    /// [`Error::Argument`] if the source takes no visibility.
     pub fn with_visibility(self, visibility: Visibility) -> Result<Self> {
         Self { visibility, ..self }.checked()
     }
@@ -105,7 +106,7 @@ impl SamplerSpec {
         }
     }
 
-    /// Why the combination does not exist, if it does not.
+    /// Returns why the combination does not exist, or `None` if it does.
     fn fault(&self) -> Option<&'static str> {
         let Self { source, companion, combiner, visibility } = self;
         let is_plain = *combiner == Combiner::One && *visibility == Visibility::None;
@@ -175,7 +176,8 @@ impl SamplerSpec {
         Self { companion, ..Self::file(kind, file) }
     }
 
-    /// The SPEC that an exported sampler was made for: a head with a learned mixture weight is beside BRDF sampling, all others are alone.
+    /// Returns the SPEC that an exported sampler was made for: a head with a learned mixture weight is beside
+    /// BRDF sampling, all others are alone.
     pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
         let kind = FileKind::of(exported);
         if exported.has_share() { Self::file_with_mis(kind, file) } else { Self::file(kind, file) }
@@ -211,12 +213,12 @@ impl SamplerSpec {
         self.combiner
     }
 
-    /// Returns which visibility masses are multiplied by.
+    /// Returns the visibility by which masses are multiplied.
     pub fn visibility(&self) -> &Visibility {
         &self.visibility
     }
 
-    /// Returns how many directions one sample draws, each with a shadow ray.
+    /// Returns the number of directions of one sample, each with a shadow ray.
     pub fn directions(&self) -> u32 {
         match self.combiner {
             Combiner::One | Combiner::Ris(_) => 1,
@@ -230,8 +232,9 @@ impl SamplerSpec {
         self.combiner == Combiner::One && self.visibility == Visibility::None
     }
 
-    /// Returns what `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` without one, because there the caller decides how
-    /// many directions a point has. Other SPECs stand for themselves.
+    /// Returns what `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` without
+    /// one, because there the caller chooses the number of directions of a point. Other SPECs stand for
+    /// themselves.
     #[must_use]
     pub fn resolved(&self, in_scene: bool) -> Self {
         match (&self.source, in_scene) {
@@ -241,7 +244,7 @@ impl SamplerSpec {
         }
     }
 
-    /// Returns the sampler's file and what it must hold, if there is one.
+    /// Returns the sampler's file and its required kind, if there is one.
     pub fn path(&self) -> Option<(FileKind, &Path)> {
         match &self.source {
             Source::File(kind, file) => Some((*kind, file)),

@@ -1,4 +1,4 @@
-//! How SPECs are read.
+//! Parses SPECs.
 
 use std::str::FromStr;
 
@@ -25,7 +25,7 @@ impl FromStr for SamplerSpec {
     }
 }
 
-/// The combiner of a SPEC, and what directions are drawn from.
+/// Splits a SPEC into its combiner and its source.
 fn combiner_of(text: &str) -> std::result::Result<(Combiner, &str), String> {
     if text == "mis2" {
         return Ok((Combiner::TwoSampleMis, "emitter"));
@@ -53,7 +53,7 @@ fn combiner_of(text: &str) -> std::result::Result<(Combiner, &str), String> {
 
 const CANDIDATES: &str = "candidates, as in ris:4";
 
-/// A number from 1 to `most`.
+/// Parses a number from 1 to `most`.
 fn count_of(count: &str, most: u32, what: &str) -> std::result::Result<u32, String> {
     let count = count.parse().ok().filter(|count| (1..=most).contains(count));
     count.ok_or_else(|| format!("name 1 to {most} {what}"))
@@ -62,7 +62,7 @@ fn count_of(count: &str, most: u32, what: &str) -> std::result::Result<u32, Stri
 /// `NAME[+vis[@PRECOMPUTED]][:FILE]`.
 struct Parts<'a> {
     name: &'a str,
-    /// What follows `+vis`.
+    /// The text after `+vis`.
     visibility: Option<&'a str>,
     file: Option<&'a str>,
 }

@@ -1,4 +1,4 @@
-//! How SPECs are written, so that they parse to the same again.
+//! Prints SPECs so that they parse to the same SPEC.
 
 use std::fmt;
 
@@ -34,7 +34,7 @@ impl fmt::Display for SamplerSpec {
             _ => {}
         }
         let (precomputed, file) = match (visibility, source.file()) {
-            // The visibility of patches stands where other sources have their file.
+            // The visibility of patches takes the place of the file of other sources.
             (Visibility::File(precomputed), None) => (None, Some(&**precomputed)),
             (Visibility::File(precomputed), file) => (Some(precomputed), file),
             (_, file) => (None, file),

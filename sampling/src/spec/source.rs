@@ -18,14 +18,14 @@ use crate::{
     tail::TailKind,
 };
 
-/// What directions are drawn from.
+/// The source of directions.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Source {
     /// Chosen for the view: see [`SamplerSpec::resolved`](super::SamplerSpec::resolved).
     Auto,
     /// BRDF sampling.
     Brdf,
-    /// BRDF sampling by the name that it has on Lambert surfaces.
+    /// BRDF sampling, by its name on Lambert surfaces.
     Cosine,
     /// Emitter sampling.
     Emitter,
@@ -46,31 +46,31 @@ pub enum Source {
 pub enum Companion {
     /// None: the source alone.
     None,
-    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 1/2.
+    /// BRDF sampling, with the mixture weight that the source has learned, otherwise 0.5.
     Brdf,
     /// Emitter sampling, for rivals.
     Emitter,
 }
 
-/// What a form is for.
+/// The purpose of a form.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// To render with.
+    /// For rendering.
     Use,
     /// The method of Litalien et al. 2024.
     Paper,
-    /// What other renderers do.
+    /// A common method of other renderers.
     Baseline,
-    /// To learn from.
+    /// For studies.
     Study,
 }
 
-/// A source without a file, perhaps beside a companion, and its name.
+/// A source without a file, possibly beside a companion, and its name.
 pub(super) struct Named {
     pub name: &'static str,
     pub source: Source,
     pub companion: Companion,
-    /// What it is, in a clause, and what it is for.
+    /// Description in a clause, and purpose.
     pub what: (&'static str, Purpose),
 }
 
@@ -78,7 +78,7 @@ const fn named(name: &'static str, source: Source, companion: Companion, what: (
     Named { name, source, companion, what }
 }
 
-/// Every source without a file. One that is missing with a companion does not exist beside it.
+/// Every source without a file. Combinations with a companion that are not listed do not exist.
 pub(super) static NAMED: [Named; 10] = [
     named("auto", Source::Auto, Companion::None, ("chosen for the view by a short pilot rendering", Purpose::Use)),
     named(
@@ -107,7 +107,7 @@ pub(super) static NAMED: [Named; 10] = [
     named("oracle+mis", Source::Oracle, Companion::Brdf, ("the same beside BRDF sampling", Purpose::Study)),
 ];
 
-/// What a sampler's file holds.
+/// The content of a sampler's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FileKind {
     /// A trained head.
@@ -160,10 +160,10 @@ impl FileKind {
     }
 }
 
-/// Which method a rival belongs to.
+/// The method of a rival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RivalFamily {
-    /// NeuSample's lobes or flow, as the file has them.
+    /// NeuSample's lobes or flow, depending on the file.
     NeuSample,
     /// The reparameterised sampler.
     Reparam,
@@ -195,7 +195,7 @@ impl Source {
         }
     }
 
-    /// Why a source does not exist beside a companion, if it does not.
+    /// Returns why a source cannot be combined with a companion, or `None` if it can.
     pub(super) fn fault_beside(&self, companion: Companion) -> Option<&'static str> {
         match (self, companion) {
             (Self::File(FileKind::HeadOverPatches, _), Companion::Brdf) => {

@@ -1,4 +1,4 @@
-//! The grammar, both ways.
+//! Parsing and printing.
 
 use super::*;
 
@@ -55,7 +55,7 @@ fn specifications_print_as_they_parse() {
 }
 
 #[test]
-fn mistakes_are_named() {
+fn errors_name_the_invalid_specification() {
     for text in [
         "",
         "ris",
@@ -116,7 +116,7 @@ fn mistakes_are_named() {
 }
 
 #[test]
-fn every_form_of_the_help_is_one() {
+fn every_form_in_the_help_parses() {
     for form in forms::forms() {
         let text = form.form.replace("SOURCE", "mis").replace("split:N", "split:4").replace("ris:M", "ris:4");
         let spec: SamplerSpec = text.parse().unwrap();

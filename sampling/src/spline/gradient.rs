@@ -5,9 +5,9 @@ use super::{
     turned, unit,
 };
 
-/// Splines at a point each, and what gives the derivatives by their logits.
+/// Splines evaluated at one point each, with the intermediate results for derivatives by their logits.
 pub struct Evaluation<R, const L: usize> {
-    /// The splines' values and the logarithms of their slopes.
+    /// The splines' values.
     pub values: [R; L],
     /// Logarithms of the splines' slopes.
     pub log_slopes: [R; L],
@@ -20,7 +20,7 @@ pub struct Evaluation<R, const L: usize> {
     d_log_slope: Derivatives<R, L>,
 }
 
-/// What is differentiated.
+/// The quantity that is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Gradient {
     /// The spline's value.
@@ -29,7 +29,8 @@ pub enum Gradient {
     LogSlope,
 }
 
-/// Derivatives by the logits of the slopes at the bin's knots, by its sizes, and by its left knot on both axes.
+/// Derivatives by the logits of the slopes at the bin's knots, by the bin's sizes, and by its left knot on
+/// both axes.
 struct Derivatives<R, const L: usize> {
     slopes: [[R; L]; 2],
     width: [R; L],
@@ -38,9 +39,10 @@ struct Derivatives<R, const L: usize> {
     bottom: [R; L],
 }
 
-/// The density direction `y -> (z, ln dz/dy)` as [`inverse`](super::inverse), with what gives the derivatives.
+/// Evaluates the density direction `y -> (z, ln dz/dy)` as [`inverse`](super::inverse), with the intermediate
+/// results for derivatives.
 ///
-/// `scratch` is at least `2 K` rows; [`Evaluation::write`] reads what this leaves there.
+/// `scratch` has at least `2 K` rows; [`Evaluation::write`] reads what this function leaves there.
 ///
 /// # Panics
 /// If the logits or the scratch rows are too few.
@@ -98,7 +100,7 @@ pub fn inverse_with_gradient<R: Real, const L: usize>(
 }
 
 impl<R: Real, const L: usize> Evaluation<R, L> {
-    /// The derivative by the point: it and the knot at its left move each other the opposite way.
+    /// Returns the derivative by the point, the negative of that by the knot at its left.
     #[inline(always)]
     pub fn d_point(&self, of: Gradient) -> [R; L] {
         let mut d_point = self.derivatives(of).left;
@@ -108,7 +110,7 @@ impl<R: Real, const L: usize> Evaluation<R, L> {
         d_point
     }
 
-    /// Writes the derivatives by all logits: that by logit `k` of spline `l` to `out[k * stride + first + l]`.
+    /// Writes the derivatives by all logits: by logit `k` of spline `l` to `out[k * stride + first + l]`.
     ///
     /// `scratch` is what [`inverse_with_gradient`] left there.
     #[inline(always)]
@@ -133,8 +135,8 @@ impl<R: Real, const L: usize> Evaluation<R, L> {
         }
     }
 
-    /// Through floor and softmax: `free p_k (g_k - sum_j p_j g_j)`, where `g` is `d_size` in the point's bin, `d_start` in those
-    /// before it and 0 after.
+    /// Propagates through floor and softmax: `free p_k (g_k - sum_j p_j g_j)`, where `g` is `d_size` in the
+    /// point's bin, `d_start` in those before it and 0 after.
     #[inline(always)]
     fn softmax_backward(
         &self,
@@ -176,14 +178,14 @@ impl<R: Real, const L: usize> Evaluation<R, L> {
                 *out = *out + derivative[l];
             }
             if self.topology == Topology::Circle {
-                // The shift moves the point, and with it the knot the other way.
+                // The shift moves the point, which is equivalent to moving the knot the other way.
                 *out.at(3 * bins, l) = -derivatives.left[l];
             }
         }
     }
 }
 
-/// Where derivatives go.
+/// The output of derivatives.
 struct Rows<'a, R> {
     values: &'a mut [R],
     stride: usize,
@@ -210,8 +212,8 @@ impl<R: Real, const L: usize> Derivatives<R, L> {
     }
 }
 
-/// The index of each point's bin: the number of knots that it has reached, less the first, which is 0. A point that is not a
-/// number counts as in the first bin; that is for the loss to find.
+/// Returns the index of each point's bin: the number of knots that it has reached, less the first knot at 0.
+/// NaN counts as in the first bin; the loss detects it.
 #[inline(always)]
 fn count_reached<R: Real, const L: usize>(axis: Axis<'_, R, L>, at: &[R; L]) -> [u32; L] {
     let mut left = [R::ZERO; L];
@@ -228,7 +230,7 @@ fn count_reached<R: Real, const L: usize>(axis: Axis<'_, R, L>, at: &[R; L]) -> 
     reached
 }
 
-/// A slope from its logit, and its derivative.
+/// Returns a slope from its logit, and its derivative.
 #[inline(always)]
 fn slope_with_derivative<R: Real>(logit: R) -> (R, R) {
     let argument = logit + R::of(SLOPE_OFFSET);

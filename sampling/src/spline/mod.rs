@@ -1,8 +1,9 @@
-//! Monotone rational-quadratic splines on `[0,1]` (Durkan et al. 2019, after Gregory and Delbourgo 1982) and on the circle
-//! (Rezende et al. 2020): all that is not in a tensor library computes them here.
+//! Monotone rational-quadratic splines on `[0,1]` (Durkan et al. 2019, after Gregory and Delbourgo 1982) and
+//! on the circle (Rezende et al. 2020), implemented without a tensor library.
 //!
-//! `L` splines are evaluated at a point each: one, [`LANES`](crate::simd::LANES) of f32 in SIMD registers, or f64 for checks. Functions are
-//! to be inlined into work that [`simd::dispatch`](crate::simd::dispatch) runs; the loops over lanes then become vector instructions.
+//! `L` splines are evaluated at one point each: one, [`LANES`](crate::simd::LANES) of f32 in SIMD registers,
+//! or f64 for checks. Inline the functions into work that [`simd::dispatch`](crate::simd::dispatch) runs, so
+//! that the loops over lanes become vector instructions.
 //!
 //! # Logits
 //!
@@ -17,9 +18,10 @@
 //! - slopes: `MIN_SLOPE + softplus(logit + SLOPE_OFFSET)`, so that a zero logit is slope 1;
 //! - shift: the circle is turned by `x = wrap(wrap(y) + (logit - round(logit)))` before the spline, in whole turns per unit.
 //!
-//! **All-zero logits are the identity.** The shift takes the logit as it is, not through a bounded function: a lobe can then
-//! travel round and round the circle, and the gradient never saturates. Subtracting the nearest whole number is exact in
-//! floating point and keeps the sum in a range where its rounding error is below 1.2e-7.
+//! **All-zero logits are the identity.** The shift is the logit itself, not a bounded function of it, so that
+//! a lobe can travel around the circle any number of times and the gradient never saturates. Subtracting the
+//! nearest integer is exact in floating point and keeps the sum in a range where its rounding error is below
+//! 1.2e-7.
 
 mod gradient;
 mod real;
@@ -36,12 +38,12 @@ pub const MIN_SLOPE: f64 = 1e-4;
 /// `ln(e^(1 - MIN_SLOPE) - 1)`: makes a zero logit the slope 1.
 pub const SLOPE_OFFSET: f64 = 0.541_166_652_338_531_1;
 
-/// What a coordinate's two ends are to each other.
+/// How the two ends of a coordinate are connected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Topology {
-    /// Two ends, with slopes of their own.
+    /// Two ends, each with its own slope.
     Interval,
-    /// One point: the density is continuous across it.
+    /// The ends are one point: the density is continuous across it.
     Circle,
 }
 
@@ -55,14 +57,14 @@ pub const fn bin_count(logits: usize) -> usize {
     (logits - 1) / 3
 }
 
-/// The logits of some splines, columns of a row-major matrix.
+/// The logits of several splines, columns of a row-major matrix.
 #[derive(Clone, Copy, Debug)]
 pub struct Logits<'a, R> {
-    /// Bins of each spline.
+    /// Number of bins of each spline.
     pub bins: usize,
     /// Logit `k` of spline `l` is `values[k * stride + first + l]`.
     pub values: &'a [R],
-    /// From one logit of a spline to the next.
+    /// Distance from one logit of a spline to the next.
     pub stride: usize,
     /// The first spline's column.
     pub first: usize,
@@ -81,9 +83,10 @@ impl<'a, R> Logits<'a, R> {
     }
 }
 
-/// The density direction `y -> (z, dz/dy)`, in closed form. `y` is clamped (interval) or wrapped (circle).
+/// Evaluates the density direction `y -> (z, dz/dy)`, in closed form. `y` is clamped (interval) or wrapped
+/// (circle).
 ///
-/// `scratch` is at least `2 K` rows, and is overwritten.
+/// `scratch` has at least `2 K` rows, and is overwritten.
 ///
 /// # Panics
 /// If the logits or the scratch rows are too few.
@@ -108,10 +111,10 @@ pub fn inverse<R: Real, const L: usize>(
     (z, slopes)
 }
 
-/// The sampling direction `z -> (y, dz/dy)`, by the quadratic's root. The derivative is the density at `y`. `z` is clamped; `y` is
-/// in `[0, 1)`.
+/// Evaluates the sampling direction `z -> (y, dz/dy)`, by the quadratic's root. The derivative is the density
+/// at `y`. `z` is clamped; `y` is in `[0, 1)`.
 ///
-/// `scratch` is at least `2 K` rows, and is overwritten.
+/// `scratch` has at least `2 K` rows, and is overwritten.
 ///
 /// # Panics
 /// If the logits or the scratch rows are too few.
@@ -155,7 +158,7 @@ pub fn forward<R: Real, const L: usize>(
     (y, slopes)
 }
 
-/// Where each point lies on the width axis, in `[0, 1]`.
+/// Returns the position of each point on the width axis, in `[0, 1]`.
 #[inline(always)]
 fn turned<R: Real, const L: usize>(topology: Topology, logits: Logits<'_, R>, y: &[R; L]) -> [R; L] {
     let mut x = [R::ZERO; L];
@@ -175,7 +178,7 @@ fn turned<R: Real, const L: usize>(topology: Topology, logits: Logits<'_, R>, y:
     x
 }
 
-/// By how much the circle is turned, in turns.
+/// Returns the rotation of the circle, in turns.
 #[inline(always)]
 fn shift<R: Real, const L: usize>(logits: Logits<'_, R>) -> [R; L] {
     let mut shift = *logits.row(3 * logits.bins);
@@ -185,14 +188,15 @@ fn shift<R: Real, const L: usize>(logits: Logits<'_, R>) -> [R; L] {
     shift
 }
 
-/// Bin sizes along one axis: exponentials over the largest one's, and what makes them sizes above the floor.
+/// Bin sizes along one axis: exponentials relative to the largest, and the scale that makes them sizes above
+/// the floor.
 #[derive(Clone, Copy)]
 struct Axis<'a, R, const L: usize> {
     exponentials: &'a [[R; L]],
     scale: [R; L],
 }
 
-/// Widths and heights; their exponentials are in the scratch rows.
+/// Computes widths and heights; their exponentials are in the scratch rows.
 #[inline(always)]
 fn axes<'a, R: Real, const L: usize>(logits: Logits<'_, R>, scratch: &'a mut [[R; L]]) -> [Axis<'a, R, L>; 2] {
     let (widths, heights) = scratch[..2 * logits.bins].split_at_mut(logits.bins);
@@ -200,7 +204,7 @@ fn axes<'a, R: Real, const L: usize>(logits: Logits<'_, R>, scratch: &'a mut [[R
     [Axis { exponentials: widths, scale: scales[0] }, Axis { exponentials: heights, scale: scales[1] }]
 }
 
-/// Exponentials of rows from `row` on; gives their scale.
+/// Computes the exponentials of the rows from `row` on; returns their scale.
 #[inline(always)]
 fn softmax<R: Real, const L: usize>(logits: Logits<'_, R>, row: usize, out: &mut [[R; L]]) -> [R; L] {
     let mut largest = *logits.row::<L>(row);
@@ -212,7 +216,7 @@ fn softmax<R: Real, const L: usize>(logits: Logits<'_, R>, row: usize, out: &mut
     }
     let mut total = [R::ZERO; L];
     for (k, out) in out.iter_mut().enumerate() {
-        // A copy, as compilers would have to ask whether the two overlap.
+        // A copy, because compilers would otherwise check whether the two overlap.
         let mut e = *logits.row::<L>(row + k);
         for l in 0..L {
             e[l] = (e[l] - largest[l]).exp_of_negative();
@@ -228,7 +232,7 @@ fn softmax<R: Real, const L: usize>(logits: Logits<'_, R>, row: usize, out: &mut
     scale
 }
 
-/// What the floors of all bins leave.
+/// Returns the fraction that the floors of all bins leave.
 #[inline(always)]
 fn free_fraction<R: Real>(bins: usize) -> R {
     R::of(1.0 - bins as f64 * MIN_BIN)
@@ -243,10 +247,10 @@ struct Bin<R, const L: usize> {
     slopes: [[R; L]; 2],
 }
 
-/// Lanes whose place among the bins fits the registers of AVX2.
+/// Number of lanes for which the search for bins fits the registers of AVX2.
 const PART: usize = 8;
 
-/// The bin in which each point lies along the first axis.
+/// Finds the bin of each point along the first axis.
 #[inline(always)]
 fn locate<R: Real, const L: usize>(
     topology: Topology,
@@ -268,7 +272,7 @@ fn locate<R: Real, const L: usize>(
     bin
 }
 
-/// [`locate`] for `P` points from `lane` on: each takes the last bin whose start it has reached.
+/// Performs [`locate`] for `P` points from `lane` on: each takes the last bin whose start it has reached.
 #[inline(always)]
 fn locate_part<R: Real, const L: usize, const P: usize>(
     topology: Topology,
@@ -278,7 +282,7 @@ fn locate_part<R: Real, const L: usize, const P: usize>(
     lane: usize,
     out: &mut Bin<R, L>,
 ) {
-    // Arrays of their own, no fields, are what compilers keep in registers.
+    // Local arrays, because compilers keep them in registers, unlike fields.
     let zero = [R::ZERO; P];
     let (mut left, mut bottom) = (zero, zero);
     let (mut bin_left, mut bin_bottom, mut bin_width, mut bin_height) = (zero, zero, zero, zero);
@@ -315,22 +319,23 @@ fn locate_part<R: Real, const L: usize, const P: usize>(
     out.slopes[1][lanes].copy_from_slice(&bin_next);
 }
 
-/// Some of the numbers.
+/// Returns `P` numbers from `first` on.
 #[inline(always)]
 fn part<R, const P: usize>(numbers: &[R], first: usize) -> &[R; P] {
     numbers[first..].first_chunk().expect("as many numbers")
 }
 
-/// The knot at the right of a bin: on the circle, the last is the first.
+/// Returns the knot at the right of a bin: on the circle, the last is the first.
 #[inline(always)]
 fn right_knot(topology: Topology, bins: usize, bin: usize) -> usize {
     if topology == Topology::Circle && bin + 1 == bins { 0 } else { bin + 1 }
 }
 
-/// The value in a bin at `t`, both in `[0, 1]`, and the slope there (Durkan et al. 2019, eq. 4 and 5); `s` is the secant.
+/// Returns the value in a bin at `t`, both in `[0, 1]`, and the slope there (Durkan et al. 2019, eq. 4 and
+/// 5); `s` is the secant.
 ///
-/// Both denominator and slope are positive: the weights of `n` are not negative and sum to 1 over three positive values, and
-/// `d >= s / 2`, because `t (1 - t) <= 1/4`.
+/// Denominator and slope are positive: the weights of `n` are non-negative and sum to 1 over three positive
+/// values, and `d >= s / 2`, because `t (1 - t) <= 1/4`.
 #[inline(always)]
 fn rational_quadratic<R: Real>(t: R, s: R, d0: R, d1: R) -> (R, R) {
     let two = R::of(2.0);
@@ -342,8 +347,9 @@ fn rational_quadratic<R: Real>(t: R, s: R, d0: R, d1: R) -> (R, R) {
     ((s * t + d0 * o) * t * by_d, ratio * ratio * n)
 }
 
-/// The position at which a bin has a value, both in `[0, 1]`: the root of `a t^2 + b t - c` in the form in which nothing cancels,
-/// for either sign of `b`. The discriminant is written as a sum of terms that are not negative.
+/// Returns the position at which a bin has a value, both in `[0, 1]`: the root of `a t^2 + b t - c` in the
+/// form without cancellation for either sign of `b`. The discriminant is written as a sum of non-negative
+/// terms.
 #[inline(always)]
 fn solve<R: Real>(value: R, s: R, d0: R, d1: R) -> R {
     let two = R::of(2.0);
@@ -357,20 +363,20 @@ fn solve<R: Real>(value: R, s: R, d0: R, d1: R) -> R {
     unit(over / under)
 }
 
-/// Softplus with a floor, 1 for a zero logit.
+/// Returns the softplus with a floor, 1 for a zero logit.
 #[inline(always)]
 fn slope<R: Real>(logit: R) -> R {
     R::of(MIN_SLOPE) + (logit + R::of(SLOPE_OFFSET)).softplus()
 }
 
-/// Clamped to `[0, 1]`.
+/// Clamps to `[0, 1]`.
 #[inline(always)]
 fn unit<R: Real>(x: R) -> R {
     let x = if x < R::ZERO { R::ZERO } else { x };
     if x > R::ONE { R::ONE } else { x }
 }
 
-/// Onto `[0, 1)`; the last step is needed because `x - floor(x)` rounds to 1 for a tiny negative `x`.
+/// Wraps to `[0, 1)`; the last step is needed because `x - floor(x)` rounds to 1 for a tiny negative `x`.
 #[inline(always)]
 fn wrap<R: Real>(x: R) -> R {
     let fraction = x - x.floor();

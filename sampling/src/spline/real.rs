@@ -1,4 +1,4 @@
-//! The numbers that splines are computed with.
+//! The number types that splines are computed with.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -22,7 +22,7 @@ pub trait Real:
     /// The largest number below 1.
     const BELOW_ONE: Self;
 
-    /// The nearest number.
+    /// Converts to the nearest number.
     fn of(value: f64) -> Self;
     /// `e^x` for `x <= 0`.
     fn exp_of_negative(self) -> Self;
@@ -30,19 +30,20 @@ pub trait Real:
     fn ln(self) -> Self;
     /// The square root.
     fn sqrt(self) -> Self;
-    /// The largest whole number that is not above.
+    /// The largest integer not above.
     fn floor(self) -> Self;
-    /// The nearest whole number, the even one of two.
+    /// The nearest integer, ties to even.
     fn round(self) -> Self;
     /// `ln(1 + e^x)`.
     fn softplus(self) -> Self;
     /// `1 / (1 + e^-x)`.
     fn sigmoid(self) -> Self;
-    /// One of two numbers, by their bits: compilers make a choice between several arrays a branch for each lane.
+    /// Selects one of two numbers bitwise: compilers turn choices between several arrays into a branch per
+    /// lane.
     fn select(condition: bool, yes: Self, no: Self) -> Self;
 }
 
-/// Keeps [`Real`] to the types of this file.
+/// Restricts [`Real`] to the types of this file.
 pub trait Sealed {}
 
 impl Sealed for f32 {}

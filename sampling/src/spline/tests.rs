@@ -8,9 +8,9 @@ use crate::{
 
 const BOTH: [Topology; 2] = [Topology::Interval, Topology::Circle];
 
-/// A number in a test.
+/// A number type in a test.
 trait Number: Real + Debug + Into<f64> {
-    /// What the knots of a spline are rounded by: two roundings of a number up to 1.
+    /// Rounding error of a spline's knots: two roundings of a number up to 1.
     const ROUNDING: f64;
 }
 
@@ -47,7 +47,7 @@ fn points<R: Number, const L: usize>(random: &mut Stream) -> [R; L] {
     std::array::from_fn(|_| R::of(f64::from(random.uniform())))
 }
 
-/// Distance on the circle, which serves on the interval too: its ends are never mistaken for each other below.
+/// Returns the distance on the circle, which also serves on the interval: its ends are never confused below.
 fn distance(a: f64, b: f64) -> f64 {
     (a - b).abs().min(1.0 - (a - b).abs())
 }
@@ -59,7 +59,7 @@ fn zero_logits_are_the_identity<R: Number, const L: usize>() {
             for direction in [inverse_of::<R, L>, forward_of] {
                 let (values, slopes) = direction(topology, &[[R::ZERO; L]; 13], &[R::of(y); L]);
                 for (value, slope) in values.into_iter().zip(slopes) {
-                    // A slope is the product of some ten factors, each rounded, and of SLOPE_OFFSET's rounding.
+                    // A slope is the product of about 10 rounded factors, with SLOPE_OFFSET's rounding.
                     let (value, slope): (f64, f64) = (value.into(), slope.into());
                     assert!(
                         (value - y).abs() < 8.0 * R::ROUNDING && (slope - 1.0).abs() < 16.0 * R::ROUNDING,
@@ -84,8 +84,8 @@ fn inversions_return_to_their_start<R: Number, const L: usize>() {
                 let [z, y, slope, back, density]: [f64; 5] =
                     [z[l], y[l], slopes[l], back[l], densities[l]].map(Into::into);
                 assert!((0.0..1.0).contains(&y));
-                // y is rounded through the shift and the knots, and the slope carries that to z. The density changes by a factor
-                // of some e^10 over a bin, the narrowest of which is 1e-4.
+                // y is rounded by the shift and the knots, and the slope propagates that to z. The density
+                // changes by a factor of about e^10 over a bin, the narrowest of which is 1e-4.
                 let tolerance = R::ROUNDING * (16.0 + 4.0 * slope);
                 assert!(distance(back, z) < tolerance, "{z} -> {y} -> {back}, slope {slope}");
                 assert!((density / slope - 1.0).abs() < 8e3 * R::ROUNDING + 1e5 * tolerance, "{density} {slope}");
@@ -157,11 +157,11 @@ for_all_numbers!(
 );
 
 #[test]
-fn the_offset_makes_a_zero_logit_the_slope_one() {
+fn zero_logits_have_slope_one() {
     assert!((SLOPE_OFFSET - (1.0 - MIN_SLOPE).exp_m1().ln()).abs() < 1e-15);
 }
 
-/// Both directions and all that the gradient gives, `[3K + 1, LANES]` of each.
+/// Computes both directions and all outputs of the gradient, `[3K + 1, LANES]` of each.
 fn everything<const L: usize>(topology: Topology, logits: &[[f32; L]], at: &[f32; L]) -> Vec<[f32; L]> {
     let (y, density) = forward_of(topology, logits, at);
     let (z, slope) = inverse_of(topology, logits, at);
@@ -187,7 +187,7 @@ impl Vectorized for Everything<'_> {
 }
 
 #[test]
-fn lanes_have_the_bits_of_one_spline_whatever_the_instructions() {
+fn lanes_match_single_splines_bit_for_bit() {
     let mut random = Stream::new(7, Purpose::Test, 0);
     for round in 0..200 {
         let (topology, bins) = (BOTH[round % 2], [2, 4, 7, 32][round % 4]);
@@ -208,7 +208,7 @@ fn lanes_have_the_bits_of_one_spline_whatever_the_instructions() {
 /// Central differences in f64: their error is the square of the step, 1e-10, times a third derivative, below 1e4 for splines
 /// with bins this wide, and rounding over the step, 1e-16 / 1e-5.
 #[test]
-fn gradients_are_those_of_central_differences() {
+fn gradients_match_central_differences() {
     const STEP: f64 = 1e-5;
     let mut random = Stream::new(8, Purpose::Test, 0);
     for round in 0..400 {
@@ -245,7 +245,7 @@ fn gradients_are_those_of_central_differences() {
 }
 
 #[test]
-fn gradients_in_f32_are_those_in_f64() {
+fn gradients_in_f32_match_f64() {
     let mut random = Stream::new(9, Purpose::Test, 0);
     for round in 0..400 {
         let (topology, bins) = (BOTH[round % 2], [2, 4, 8, 32][round % 4]);
@@ -259,8 +259,8 @@ fn gradients_in_f32_are_those_in_f64() {
             narrow.write(of, &narrow_scratch, found.as_flattened_mut(), 1, 0);
             expected.write(of, &wide_scratch, rows.as_flattened_mut(), 1, 0);
             let size = rows.iter().fold(1.0_f64, |size, row| size.max(row[0].abs()));
-            // A position is rounded by 1.2e-7 over its bin's width, at least 1/200 here, and the second derivatives by it are
-            // of the order of 10 derivatives.
+            // A position is rounded by 1.2e-7 over its bin's width, at least 1/200 here, and the second
+            // derivatives by it are of the order of 10 derivatives.
             for (found, row) in found.iter().zip(&rows) {
                 assert!((f64::from(found[0]) - row[0]).abs() < 2.4e-4 * size, "{topology:?} {bins}: {found:?} {row:?}");
             }
@@ -282,7 +282,7 @@ fn gradients_are_finite_at_edges_and_outside() {
 }
 
 #[test]
-fn logits_that_are_not_numbers_give_values_that_are_not() {
+fn nan_logits_give_nan() {
     for topology in BOTH {
         for k in 0..8 {
             let mut logits = [[0.0_f32]; 13];

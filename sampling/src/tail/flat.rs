@@ -4,7 +4,7 @@ use super::{FlowTail, Hierarchical, RowColumn, Tail};
 use crate::{environment::BilinearDensity, flat::FlatArray};
 
 impl Tail {
-    /// All that the warp reads; a tail is known by the names of its arrays.
+    /// Returns all arrays that the warp reads; their names identify the kind of tail.
     pub fn flat(&self) -> Vec<FlatArray> {
         match self {
             Self::Hierarchical(tail) => tail.flat(),
@@ -20,10 +20,11 @@ fn nodes(grid: &BilinearDensity) -> FlatArray {
 }
 
 impl Hierarchical {
-    /// All that the warp reads.
+    /// Returns all arrays that the warp reads.
     ///
     /// - `tail.nodes` `[height, width]`: the density at the texels of the map.
-    /// - `tail.cuts` `[nodes, 4]`, `tail.levels` `[levels, 3]`: see [`Self::levels`]; of a level the two logarithms and where its cuts begin.
+    /// - `tail.cuts` `[nodes, 4]`, `tail.levels` `[levels, 3]`: see [`Self::levels`]; per level the two
+    ///   logarithms and the index of its first cut.
     pub fn flat(&self) -> Vec<FlatArray> {
         let (mut cuts, mut levels) = (Vec::new(), Vec::new());
         for ([column_bits, row_bits], own) in self.levels() {
@@ -39,7 +40,7 @@ impl Hierarchical {
 }
 
 impl RowColumn {
-    /// All that the warp reads.
+    /// Returns all arrays that the warp reads.
     ///
     /// - `tail.shape` `[2]`: columns of texels of the map, rows of cells.
     /// - `tail.windows` `[1, 8]`, `tail.numbers` `[numbers]`: see `window`.
@@ -52,11 +53,11 @@ impl RowColumn {
         ]
     }
 
-    /// The part of the map that has light, and its numbers. First row of cells and row count, first
-    /// column and column count, then the starts of four lists in the numbers: densities at the texels
-    /// around its cells `[rows + 1, columns + 1]`; marginal densities at its rows of texels
-    /// `[rows + 1]`; the fraction of the light above each of these rows; the integral of each row of
-    /// texels from the left edge of the part, `[rows + 1, columns + 1]`.
+    /// Returns the part of the map that has light, and its numbers. First row of cells and row count, first
+    /// column and column count, then the starts of four lists in the numbers: densities at the texels around
+    /// its cells `[rows + 1, columns + 1]`; marginal densities at its rows of texels `[rows + 1]`; the
+    /// fraction of the light above each of these rows; the integral of each row of texels from the left edge
+    /// of the part, `[rows + 1, columns + 1]`.
     fn window(&self) -> ([u32; 8], Vec<f32>) {
         let (width, height) = (self.grid().columns(), self.grid().rows());
         let nodes: Vec<f32> = self.grid().nodes().collect();
@@ -86,19 +87,19 @@ impl RowColumn {
     }
 }
 
-/// The least and the largest number of a list; 0 of an empty one.
+/// Returns the first and the last number of an ascending list; 0 for an empty one.
 fn ends(mut list: impl Iterator<Item = usize>) -> (usize, usize) {
     let first = list.next().unwrap_or(0);
     (first, list.last().unwrap_or(first))
 }
 
 impl FlowTail {
-    /// All that the warp reads.
+    /// Returns all arrays that the warp reads.
     ///
-    /// - `tail.cells` `[cells * cells, 8]`: of each cell of Y, row by row, `p`, `e`, `f`, `g` of the image `p + s e + t f + s t g` in X; the circle's
-    ///   coordinate is lifted to the line.
-    /// - `tail.boxes` `[boxes, 4]`: a tree of bounding boxes of images (left, top, right, bottom): level `k` has `2^k x 2^k` of them, row by row, and the
-    ///   last level one for each cell. Levels follow each other.
+    /// - `tail.cells` `[cells * cells, 8]`: for each cell of Y, row by row, `p`, `e`, `f`, `g` of the image
+    ///   `p + s e + t f + s t g` in X; the circle's coordinate is lifted to the line.
+    /// - `tail.boxes` `[boxes, 4]`: a tree of bounding boxes of images (left, top, right, bottom): level `k`
+    ///   has `2^k x 2^k` boxes, row by row, and the last level one per cell. Levels are consecutive.
     pub fn flat(&self) -> Vec<FlatArray> {
         let map = self.map();
         let side = map.cells();

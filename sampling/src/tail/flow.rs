@@ -1,12 +1,13 @@
-//! The flow tail: a smooth warp that was fitted to a map and tabulated.
+//! The flow tail: a tabulated smooth warp, fitted to a map.
 
 use glam::Vec2;
 
 use super::{TailWarp, WarpMap, each_lane};
 use crate::{environment::BilinearDensity, simd::Lanes};
 
-/// A tabulated smooth warp with the light that it was fitted to. It is a bijection with an exact density, but that density is only near
-/// the light: what is left over multiplies the target of a head ([`FlowTail::light_ratio`]).
+/// A tabulated smooth warp with the light that it is fitted to. It is a bijection with an exact density,
+/// which only approximates the light: the residual multiplies the target of a head
+/// ([`FlowTail::light_ratio`]).
 #[derive(Clone, Debug)]
 pub struct FlowTail {
     map: WarpMap,
@@ -14,17 +15,17 @@ pub struct FlowTail {
 }
 
 impl FlowTail {
-    /// Joins a table to the density of the map's light.
+    /// Combines a table with the density of the map's light.
     pub fn new(map: WarpMap, light: BilinearDensity) -> Self {
         Self { map, light }
     }
 
-    /// The table.
+    /// Returns the table.
     pub fn map(&self) -> &WarpMap {
         &self.map
     }
 
-    /// The density of the map's light.
+    /// Returns the density of the map's light.
     pub fn light(&self) -> &BilinearDensity {
         &self.light
     }
@@ -33,7 +34,7 @@ impl FlowTail {
         &mut self.light
     }
 
-    /// The density of the light over that of the warp at `x`; 1 everywhere for an exact tail.
+    /// Returns the ratio of the light's density to the warp's at `x`; 1 everywhere for an exact tail.
     pub fn light_ratio(&self, x: Vec2) -> f32 {
         self.light.density(x) / self.map.inverse(x).1
     }

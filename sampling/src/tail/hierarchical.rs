@@ -1,4 +1,4 @@
-//! The quad-tree tail: a warp that halves the map again and again (after Clarberg et al. 2005).
+//! The quad-tree tail: a warp that halves the map recursively (after Clarberg et al. 2005).
 
 use glam::Vec2;
 
@@ -12,32 +12,35 @@ use crate::{
     simd::{LANES, Lanes, Quads},
 };
 
-/// Where a node cuts its rectangle of Y: `[y of the horizontal cut, x of the vertical cut above it, x of the one below it, 0]`.
+/// The cuts of a node's rectangle of Y: y of the horizontal cut, x of the vertical cut above it, x of the one
+/// below it, 0.
 type Cuts = [f32; 4];
 
-/// The hierarchical tail. From the root down, the rectangle of Y that belongs to a node is cut into an upper and a lower part, and
-/// each of these into a left and a right one, in proportion to the light in the quarters of its part of X; within a cell the
-/// bilinear density is inverted in closed form. It keeps neighbours together better than [`super::RowColumn`] on most maps.
+/// The hierarchical tail. From the root down, the rectangle of Y of a node is cut into an upper and a lower
+/// part, and each of these into a left and a right one, in proportion to the light in the quarters of its
+/// part of X; within a cell the bilinear density is inverted in closed form. It keeps neighbours together
+/// better than [`super::RowColumn`] on most maps.
 ///
-/// A node holds where its cuts *are*, not how they divide: on the way down nothing has to be rescaled, and the four numbers that
-/// bound a cell's rectangle are all that the way back needs.
+/// A node stores the positions of its cuts, not their ratios: the descent rescales nothing, and the inverse
+/// needs only the four numbers that bound a cell's rectangle.
 #[derive(Clone, Debug)]
 pub struct Hierarchical {
     grid: BilinearDensity,
     /// Root first.
     levels: Vec<Level>,
-    /// How many of the last levels cut both ways; a map that is wider than high has levels above in which only columns are cut.
+    /// Number of the last levels that cut both ways; a map that is not square has levels above in which only
+    /// columns or only rows are cut.
     square_levels: u32,
-    /// All bits where those levels above have columns, none where they have rows.
+    /// All bits set if the levels above cut columns, 0 if they cut rows.
     top_columns: u32,
 }
 
 #[derive(Clone, Debug)]
 struct Level {
-    /// 1 where nodes of this level have two columns (rows) of children, else 0.
+    /// 1 if nodes of this level have two columns of children, else 0; `row_bits` likewise for rows.
     column_bits: u32,
     row_bits: u32,
-    /// In the order in which the descent numbers nodes: the children of a node are neighbours.
+    /// In the order of the descent: the children of a node are adjacent.
     cuts: Large<Cuts>,
 }
 
@@ -47,7 +50,7 @@ impl Level {
         (index << (self.column_bits + self.row_bits)) + (lower << self.column_bits) + right
     }
 
-    /// The cuts of nodes.
+    /// Loads the cuts of nodes.
     #[inline(always)]
     fn load(&self, index: &[u32; LANES]) -> [Lanes; 3] {
         let [horizontal, above, below, _] = self.cuts.load(index);
@@ -90,7 +93,7 @@ impl Hierarchical {
         for level in levels.iter().rev() {
             let children = 1 << (level.column_bits + level.row_bits);
             let finer: &Vec<f64> = &masses[masses.len() - 1];
-            // Halves first, as the cuts are made.
+            // Sums halves first, as the cuts do.
             let sum = |node: &[f64]| node.chunks(2).map(|half| half.iter().sum::<f64>()).sum();
             masses.push(finer.chunks_exact(children).map(sum).collect());
         }
@@ -98,7 +101,7 @@ impl Hierarchical {
         let (mut bounds, cells) = (vec![Bounds::SQUARE], columns * rows);
         for (level, masses) in levels.iter_mut().zip(&masses[1..]) {
             let children = 1 << (level.column_bits + level.row_bits);
-            // Cells have no cuts: their rectangles are not needed.
+            // Cells have no cuts, so their rectangles are not needed.
             let mut inner = Vec::with_capacity(if masses.len() == cells { 0 } else { masses.len() });
             let mut all = Vec::with_capacity(bounds.len());
             for (bounds, masses) in bounds.iter().zip(masses.chunks_exact(children)) {
@@ -115,13 +118,14 @@ impl Hierarchical {
         Self { grid, levels, square_levels, top_columns }
     }
 
-    /// Levels from the root down, for implementations on other devices: the logarithms of how many columns and rows of children a node has, and the
-    /// cuts of all nodes `[nodes, 4]`, the children of one side by side: y of the horizontal cut, x of the vertical cut above and below it, 0.
+    /// Returns levels from the root down, for other devices: the logarithms of the numbers of columns and
+    /// rows of children of a node, and the cuts of all nodes `[nodes, 4]`, the children of a node side by
+    /// side: y of the horizontal cut, x of the vertical cut above and below it, 0.
     pub fn levels(&self) -> impl ExactSizeIterator<Item = ([u32; 2], &[[f32; 4]])> {
         self.levels.iter().map(|level| ([level.column_bits, level.row_bits], &*level.cuts))
     }
 
-    /// The density of the map.
+    /// Returns the density of the map.
     pub fn grid(&self) -> &BilinearDensity {
         &self.grid
     }
@@ -130,7 +134,7 @@ impl Hierarchical {
         &mut self.grid
     }
 
-    /// The rectangle of Y that is carried to a node: left, right, top, bottom.
+    /// Returns the rectangle of Y that maps to a node: left, right, top, bottom.
     pub fn rectangle(&self, node: Node) -> [f32; 4] {
         let ([mut left, mut right, mut top, mut bottom], mut index) = ([0.0, 1.0, 0.0, 1.0], 0);
         for (level, bits) in self.levels.iter().zip((0..self.levels.len() as u32).rev()) {
@@ -151,7 +155,7 @@ impl Hierarchical {
         [left, right, top, bottom]
     }
 
-    /// Column and row of a number in the order of the descent: the inverse of [`cell_index`].
+    /// Returns column and row of a number in the order of the descent: the inverse of [`cell_index`].
     #[inline(always)]
     fn cell(&self, index: u32) -> (u32, u32) {
         let bits = 2 * self.square_levels;
@@ -163,8 +167,8 @@ impl Hierarchical {
         )
     }
 
-    /// The rectangles of cells: each side of one is a cut of the lowest node above the cell of which it is the border. A side that no
-    /// ancestor sets is the square's own.
+    /// Returns the rectangles of cells: each side is a cut of the lowest ancestor whose cut borders the cell.
+    /// A side that no ancestor sets is the square's own.
     #[inline(always)]
     fn bounds(&self, columns: &[u32; LANES], rows: &[u32; LANES]) -> Bounds<Lanes> {
         let mut bounds = Bounds { left: MISSING, right: MISSING, top: MISSING, bottom: MISSING };
@@ -184,7 +188,7 @@ impl Hierarchical {
             let mut missing = 0;
             for k in 0..LANES {
                 let vertical = if lower[k] == 0 { above[k] } else { below[k] };
-                // A side that was found lower down stays.
+                // A side that was found at a lower level stays.
                 let Bounds { left, right: right_side, top, bottom } = &mut bounds;
                 right_side[k] = if (right[k] == 0) & (right_side[k] < 0.0) { vertical } else { right_side[k] };
                 left[k] = if (right[k] != 0) & (left[k] < 0.0) { vertical } else { left[k] };
@@ -207,10 +211,11 @@ impl Hierarchical {
     }
 }
 
-/// Sides that are not found yet: cuts lie in `[0, 1]`.
+/// Marks sides that are not found yet; cuts are in `[0, 1]`.
 const MISSING: Lanes = [-1.0; LANES];
 
-/// The number of a cell in the order of the descent: the bits of row and column in turn, below what only one of them has.
+/// Returns the number of a cell in the order of the descent: the interleaved bits of row and column, below
+/// the bits that only one of them has.
 #[inline(always)]
 fn cell_index(square_levels: u32, column: u32, row: u32) -> u32 {
     let low = (1 << square_levels) - 1;
@@ -219,7 +224,8 @@ fn cell_index(square_levels: u32, column: u32, row: u32) -> u32 {
     (top << (2 * square_levels)) | (spread(row & low) << 1) | spread(column & low)
 }
 
-/// Cuts a node's rectangle in proportion to the masses of its children; the cuts and the children's rectangles.
+/// Cuts a node's rectangle in proportion to the masses of its children; returns the cuts and the children's
+/// rectangles.
 fn cut(level: &Level, bounds: &Bounds<f64>, masses: &[f64]) -> (Cuts, [Bounds<f64>; 4]) {
     let per_row = 1 << level.column_bits;
     let (upper, lower) = masses.split_at(per_row);
@@ -231,7 +237,7 @@ fn cut(level: &Level, bounds: &Bounds<f64>, masses: &[f64]) -> (Cuts, [Bounds<f6
         let vertical = between(bounds.left, bounds.right, masses.first().copied().unwrap_or(0.0), right);
         cuts[1 + row] = vertical as f32;
         let [top, bottom] = [[bounds.top, horizontal], [horizontal, bounds.bottom]][row];
-        // Of a row without a second column, only the first child is there.
+        // In a row without a second column, only the first child exists.
         children[row * per_row] = Bounds { left: bounds.left, right: vertical, top, bottom };
         if per_row == 2 {
             children[2 * row + 1] = Bounds { left: vertical, right: bounds.right, top, bottom };
@@ -240,12 +246,13 @@ fn cut(level: &Level, bounds: &Bounds<f64>, masses: &[f64]) -> (Cuts, [Bounds<f6
     (cuts, children)
 }
 
-/// Where an interval is cut in proportion to two masses; at its end where there is nothing to divide.
+/// Returns the position of the cut of an interval in proportion to two masses; its end where there is nothing
+/// to divide.
 fn between(start: f64, end: f64, first: f64, second: f64) -> f64 {
     if second > 0.0 { (start + (end - start) * (first / (first + second))).clamp(start, end) } else { end }
 }
 
-/// Points of Y on their way down the tree, one in each lane.
+/// Points of Y that descend the tree, one per lane.
 #[derive(Clone, Copy)]
 struct Descents {
     x: Lanes,
@@ -262,7 +269,7 @@ impl Descents {
         index: [0; LANES],
     };
 
-    /// One level down.
+    /// Descends one level.
     #[inline(always)]
     fn step(&mut self, level: &Level) {
         let [horizontal, above, below] = &level.load(&self.index);
@@ -280,7 +287,7 @@ impl Descents {
         }
     }
 
-    /// The points of X, and the Jacobians there.
+    /// Returns the points of X, and the Jacobians there.
     #[inline(always)]
     fn finish(&self, tail: &Hierarchical) -> ([Lanes; 2], Lanes) {
         let (grid, nodes) = (&tail.grid, tail.grid.grid());
@@ -303,7 +310,7 @@ impl Descents {
     }
 }
 
-/// Strips that go down the tree side by side: each waits for memory while the others move.
+/// Number of strips that descend together, to hide memory latency.
 const STRIPS: usize = 4;
 
 vectorized! {

@@ -1,12 +1,13 @@
-//! Tail warps t: Y -> X: unconditional bijections that carry the uniform distribution to the light of an environment map.
+//! Tail warps t: Y -> X: unconditional bijections that map the uniform distribution to the light of an
+//! environment map.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `mod.rs` | the trait `TailWarp`, and the kinds of tail |
 //! | `row_column.rs` | marginal and conditional |
 //! | `hierarchical.rs`, `node.rs` | the quad-tree tail, and the rectangles that it halves |
-//! | `flow.rs` | a fitted and tabulated flow, and the light that it leaves over |
-//! | `warp_map.rs`, `repair.rs` | a warp as one table; making it one to one |
+//! | `flow.rs` | a fitted and tabulated flow, and its residual light |
+//! | `warp_map.rs`, `repair.rs` | a warp as one table; making it one-to-one |
 //! | `flat.rs` | tails as arrays, for other devices |
 
 mod flat;
@@ -36,46 +37,49 @@ use crate::{
 
 /// A bijection of the unit square; coordinate 0 is a circle, coordinate 1 an interval, on both sides.
 ///
-/// Columns are what an implementation gives; the forms for single points are columns with one live lane. `forward` and `inverse` are
-/// inverse to each other to rounding, and both report the Jacobian of the same map: `forward(y) = (x, |dx/dy|)`,
-/// `inverse(x) = (y, |dy/dx|)`. For an exact tail `|dy/dx|` is the normalised density of the light over X.
+/// Implementations provide the column functions; those for single points fill columns with copies of the
+/// point. `forward` and `inverse` are inverse to each other up to rounding, and both report the Jacobian of
+/// the same map: `forward(y) = (x, |dx/dy|)`, `inverse(x) = (y, |dy/dx|)`. For an exact tail, `|dy/dx|` is
+/// the normalised density of the light over X.
 pub trait TailWarp: Send + Sync {
-    /// `y` in `[0, 1)^2` to `x` and `|dx/dy|`; the Jacobian is infinite where the light vanishes. All columns are equally long.
+    /// Maps `y` in `[0, 1)^2` to `x` and `|dx/dy|`; the Jacobian is infinite where the light vanishes. All
+    /// columns have equal length.
     fn forward_columns(&self, y: [&[Lanes]; 2], x: [&mut [Lanes]; 2], jacobian: &mut [Lanes]);
 
-    /// `x` in `[0, 1]^2` to `y` and `|dy/dx|`; the Jacobian is 0 where the light vanishes, and `y` is then only near.
+    /// Maps `x` in `[0, 1]^2` to `y` and `|dy/dx|`; where the light vanishes, the Jacobian is 0 and `y` is
+    /// approximate.
     fn inverse_columns(&self, x: [&[Lanes]; 2], y: [&mut [Lanes]; 2], density: &mut [Lanes]);
 
-    /// `|dy/dx|` alone: the density over X into which the uniform density over Y is carried.
+    /// Computes `|dy/dx|` alone: the density over X that uniform Y induces.
     fn density_columns(&self, x: [&[Lanes]; 2], density: &mut [Lanes]);
 
-    /// [`Self::forward_columns`] of a list of points.
+    /// Applies [`Self::forward_columns`] to a list of points.
     fn forward_points(&self, y: &[Vec2]) -> Vec<(Vec2, f32)> {
         in_columns(y, |y, x, jacobian| self.forward_columns(y, x, jacobian))
     }
 
-    /// [`Self::inverse_columns`] of a list of points.
+    /// Applies [`Self::inverse_columns`] to a list of points.
     fn inverse_points(&self, x: &[Vec2]) -> Vec<(Vec2, f32)> {
         in_columns(x, |x, y, density| self.inverse_columns(x, y, density))
     }
 
-    /// [`Self::forward_columns`] of one point.
+    /// Applies [`Self::forward_columns`] to one point.
     fn forward(&self, y: Vec2) -> (Vec2, f32) {
         one(y, |y, x, jacobian| self.forward_columns(y, x, jacobian))
     }
 
-    /// [`Self::inverse_columns`] of one point.
+    /// Applies [`Self::inverse_columns`] to one point.
     fn inverse(&self, x: Vec2) -> (Vec2, f32) {
         one(x, |x, y, density| self.inverse_columns(x, y, density))
     }
 
-    /// [`Self::density_columns`] of one point.
+    /// Applies [`Self::density_columns`] to one point.
     fn density(&self, x: Vec2) -> f32 {
         one(x, |x, _, density| self.density_columns(x, density)).1
     }
 }
 
-/// One point through a function over columns; the other lanes have the same point.
+/// Applies a function over columns to one point; all lanes have the same point.
 fn one(point: Vec2, warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes])) -> (Vec2, f32) {
     let (from, mut to, mut factor) = ([[[point.x; LANES]], [[point.y; LANES]]], [[[0.0; LANES]]; 2], [[0.0; LANES]]);
     let [x, y] = &mut to;
@@ -83,7 +87,7 @@ fn one(point: Vec2, warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [La
     (Vec2::new(to[0][0][0], to[1][0][0]), factor[0][0])
 }
 
-/// A list of points through a function over columns.
+/// Applies a function over columns to a list of points.
 fn in_columns(points: &[Vec2], warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2], &mut [Lanes])) -> Vec<(Vec2, f32)> {
     let column = || vec![[0.0; LANES]; strips(points.len())];
     let (mut from, mut to, mut factor) = ([column(), column()], [column(), column()], column());
@@ -97,7 +101,7 @@ fn in_columns(points: &[Vec2], warp: impl FnOnce([&[Lanes]; 2], [&mut [Lanes]; 2
     (0..points.len()).map(|k| (Vec2::new(x[k], y[k]), factor.as_flattened()[k])).collect()
 }
 
-/// A warp that is written for one point, lane by lane.
+/// Applies a function of single points lane by lane.
 fn each_lane(from: [&[Lanes]; 2], to: [&mut [Lanes]; 2], factor: &mut [Lanes], warp: impl Fn(Vec2) -> (Vec2, f32)) {
     let [u, v] = from.map(<[Lanes]>::as_flattened);
     let [x, y] = to.map(<[Lanes]>::as_flattened_mut);
@@ -107,7 +111,7 @@ fn each_lane(from: [&[Lanes]; 2], to: [&mut [Lanes]; 2], factor: &mut [Lanes], w
     }
 }
 
-/// Which tail warp to build.
+/// The kinds of tail warps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TailKind {
@@ -115,12 +119,12 @@ pub enum TailKind {
     RowColumn,
     /// Quad-tree of the map (after Clarberg et al. 2005).
     Hierarchical,
-    /// A smooth warp that was fitted to the map.
+    /// A smooth warp that is fitted to the map.
     Flow,
 }
 
 impl TailKind {
-    /// The name used in files and on the command line.
+    /// Returns the name used in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::RowColumn => "row-column",
@@ -129,7 +133,7 @@ impl TailKind {
         }
     }
 
-    /// The kind of a name.
+    /// Returns the kind with a name.
     pub fn from_name(name: &str) -> Option<Self> {
         [Self::RowColumn, Self::Hierarchical, Self::Flow].into_iter().find(|kind| kind.name() == name)
     }
@@ -174,7 +178,7 @@ impl Tail {
         }
     }
 
-    /// The same warp, which takes its densities from an equal list that others use too.
+    /// Returns the same warp with its densities replaced by an equal list, so that their storage is shared.
     #[must_use]
     pub fn with_light(mut self, light: &BilinearDensity) -> Self {
         let own = match &mut self {
@@ -186,7 +190,7 @@ impl Tail {
         self
     }
 
-    /// A flow tail of a table and the luminance `[height * width]` that it was fitted to.
+    /// Creates a flow tail from a table and the luminance `[height * width]` that it was fitted to.
     ///
     /// # Errors
     /// See [`BilinearDensity::new`].
@@ -194,7 +198,7 @@ impl Tail {
         Ok(Self::Flow(FlowTail::new(map, BilinearDensity::new(width, height, luminance)?)))
     }
 
-    /// The density of the light over that of the tail at a point of X: 1 for exact tails.
+    /// Returns the ratio of the light's density to the tail's at a point of X: 1 for exact tails.
     pub fn light_ratio(&self, x: Vec2) -> f32 {
         match self {
             Self::RowColumn(_) | Self::Hierarchical(_) => 1.0,
@@ -202,7 +206,7 @@ impl Tail {
         }
     }
 
-    /// The normalised density of the map's light over X.
+    /// Returns the normalised density of the map's light over X.
     pub fn light(&self) -> &BilinearDensity {
         match self {
             Self::RowColumn(tail) => tail.grid(),
@@ -211,7 +215,7 @@ impl Tail {
         }
     }
 
-    /// The kind.
+    /// Returns the kind.
     pub fn kind(&self) -> TailKind {
         match self {
             Self::RowColumn(_) => TailKind::RowColumn,
@@ -220,18 +224,18 @@ impl Tail {
         }
     }
 
-    /// The direction to which a point of Y is carried, and the solid-angle pdf of that direction when Y is uniform.
+    /// Maps a point of Y to X, its direction, and the solid-angle pdf of that direction for uniform Y.
     pub fn forward_direction(&self, y: Vec2) -> (Vec2, Vec3A, f32) {
         direction_of(self.forward(y))
     }
 
-    /// [`Self::forward_direction`] of a list of points.
+    /// Applies [`Self::forward_direction`] to a list of points.
     pub fn forward_directions(&self, y: &[Vec2]) -> impl Iterator<Item = (Vec2, Vec3A, f32)> {
         self.forward_points(y).into_iter().map(direction_of)
     }
 }
 
-/// The direction of a point of X, and its pdf, from the Jacobian there.
+/// Returns the direction of a point of X, and its pdf, from the Jacobian there.
 fn direction_of((x, jacobian): (Vec2, f32)) -> (Vec2, Vec3A, f32) {
     (x, latlong::direction(x), latlong::solid_angle_factor(x.y) / jacobian)
 }

@@ -1,21 +1,21 @@
 //! Rectangles of a map: the nodes of the tree in which the quad-tree tail halves it.
 
-/// A rectangle of cells: a node of the binary tree that halves the map, wider than high by columns, else by rows. [`super::Hierarchical`] halves in the
-/// same order, so a node is a rectangle of Y too.
+/// A rectangle of cells: a node of the binary tree that halves the map, by columns where it is wider than
+/// high, else by rows. [`super::Hierarchical`] halves in the same order, so a node is a rectangle of Y too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Node {
-    /// First column and row.
+    /// First column.
     pub column: u32,
-    /// See `column`.
+    /// First row.
     pub row: u32,
-    /// The logarithms of the sides.
+    /// Base-2 logarithm of the width.
     pub width_bits: u32,
-    /// See `width_bits`.
+    /// Base-2 logarithm of the height.
     pub height_bits: u32,
 }
 
 impl Node {
-    /// The whole of a map of cells, brought up to powers of two.
+    /// Returns the root over a map of cells, with sides rounded up to powers of two.
     pub fn root(columns: usize, rows: usize) -> Self {
         let bits = |count: usize| count.next_power_of_two().ilog2();
         Self { column: 0, row: 0, width_bits: bits(columns), height_bits: bits(rows) }
@@ -26,12 +26,12 @@ impl Node {
         self.width_bits + self.height_bits == 0
     }
 
-    /// Whether its children lie side by side.
+    /// Whether its children are side by side.
     pub fn halves_columns(self) -> bool {
         self.width_bits > self.height_bits
     }
 
-    /// Its two halves; not of a cell.
+    /// Returns its two halves; it must not be a cell.
     pub fn children(self) -> [Self; 2] {
         if self.halves_columns() {
             let half = Self { width_bits: self.width_bits - 1, ..self };
@@ -42,7 +42,7 @@ impl Node {
         }
     }
 
-    /// The nodes `levels` below, or its cells if there are fewer levels.
+    /// Returns the nodes `levels` below, or its cells if there are fewer levels.
     pub fn descendants(self, levels: u32) -> Vec<Self> {
         let mut nodes = vec![self];
         for _ in 0..levels.min(self.width_bits + self.height_bits) {

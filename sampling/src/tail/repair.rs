@@ -1,39 +1,41 @@
-//! Making a tabulated warp one to one.
+//! Makes a tabulated warp one-to-one.
 
 use glam::{DVec2, Vec2};
 
 use super::warp_map::{LEAST_CORNER, WarpMap, cell_of, close};
 use crate::error::Result;
 
-/// Rounds of untangling before what is around the cells that are left is smoothed.
+/// Rounds of untangling before the surroundings of the remaining cells are smoothed.
 const ROUNDS: usize = 60;
-/// The least Jacobian of a cell's corners that smoothing asks for, as a share of their mean: cells that are hardly convex come of cells that are not.
+/// Smallest Jacobian of a cell's corners that smoothing requires, as a fraction of their mean: barely convex
+/// cells come from non-convex ones.
 const ROOM: f64 = 0.2;
 /// Rounds of smoothing before the whole map is blended with the identity.
 const SMOOTHINGS: usize = 120;
-/// Rounds of smoothing after which their reach grows by half: from one node around a cell to a hundred.
+/// Number of rounds of smoothing after which their reach grows by half: from 1 node around a cell to 100.
 const SMOOTHINGS_OF_A_REACH: usize = 10;
 
-/// What [`WarpMap::repaired`] did.
+/// The statistics of [`WarpMap::repaired`].
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Repair {
-    /// Cells whose images were not convex.
+    /// Largest number of cells in a round whose images are not convex.
     pub cells: usize,
     /// Rounds of moving their corners.
     pub rounds: usize,
-    /// Rounds of smoothing around those that were left.
+    /// Rounds of smoothing around the remaining cells.
     pub smoothings: usize,
-    /// Share of the identity in the result: 0 unless that did not do.
+    /// Weight of the identity in the result; 0 if untangling or smoothing suffices.
     pub blended: f32,
 }
 
 impl WarpMap {
-    /// The map with the values `nodes` (see [`WarpMap::new`]), in which the corners of cells whose images are not convex are moved
-    /// to better places, again and again. Where some are left, the map is made smooth around them, the further the longer they last. If that does not help either, the
-    /// whole map is blended with the identity, which is convex.
+    /// Returns the map with the values `nodes` (see [`WarpMap::new`]), in which the corners of cells whose
+    /// images are not convex are moved iteratively. Where some remain, the map is smoothed around them, with
+    /// a reach that grows with the number of rounds. If that fails, too, the whole map is blended with the
+    /// identity, which is convex.
     ///
     /// # Errors
-    /// As [`WarpMap::new`], but for convexity.
+    /// As [`WarpMap::new`], except for convexity.
     pub fn repaired(cells: usize, mut nodes: Vec<Vec2>) -> Result<(Self, Repair)> {
         let mut repair = Repair::default();
         let original = nodes.clone();
@@ -77,9 +79,9 @@ fn broken_cells(cells: usize, nodes: &[Vec2], least: f64) -> Vec<usize> {
     (0..cells * cells).filter(|&index| !cell_of(cells, &closed, index).has_room(least)).collect()
 }
 
-/// Moves each corner of some cells to where the smallest of the triangles at its four cells is largest as a share of its
-/// cell, is largest (after Freitag and Plassmann 2000, "Local optimization-based simplicial mesh untangling and improvement"), by a pattern
-/// search.
+/// Moves each corner of `broken` cells to maximize the smallest triangle at its four cells, relative to the
+/// size of its cell (after Freitag and Plassmann 2000, "Local optimization-based simplicial mesh untangling
+/// and improvement"), by a pattern search.
 fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
     let mut corners: Vec<usize> = broken
         .iter()
@@ -96,8 +98,9 @@ fn untangle(cells: usize, nodes: &mut [Vec2], broken: &[usize]) {
     }
 }
 
-/// Moves the nodes within `reach` of some cells half of the way to the middle of their four neighbours, those of the first and the last row along it. More at
-/// once would leave a kink at the border of what moves, where sheared cells fold anew.
+/// Moves the nodes within `reach` of `broken` cells half of the way to the mean of their four neighbours;
+/// nodes of the first and the last row move along it. Larger steps would leave a kink at the border of the
+/// moved region, where sheared cells fold again.
 fn smooth(cells: usize, nodes: &mut [Vec2], broken: &[usize], reach: usize) {
     let mut within = vec![false; nodes.len()];
     for &index in broken {
@@ -124,7 +127,7 @@ fn smooth(cells: usize, nodes: &mut [Vec2], broken: &[usize], reach: usize) {
     }
 }
 
-/// The eight nodes around a node, row by row, as seen from it on the line; `None` beyond a border.
+/// Returns the eight nodes around a node, row by row, lifted to the line around it; `None` beyond a border.
 fn around(cells: usize, nodes: &[Vec2], at: usize) -> [[Option<DVec2>; 3]; 3] {
     let (column, row) = ((at % cells) as isize, (at / cells) as isize);
     let side = cells as isize;
@@ -139,11 +142,12 @@ fn around(cells: usize, nodes: &[Vec2], at: usize) -> [[Option<DVec2>; 3]; 3] {
     })
 }
 
-/// The smallest of the triangles of the cells around a node that it is a corner of, if it were at `place`.
+/// Returns the smallest triangle, relative to its cell, of those with the node as a corner, if it were at
+/// `place`.
 fn smallest_triangle(around: &[[Option<DVec2>; 3]; 3], place: DVec2) -> f64 {
     let mut least = f64::INFINITY;
     for (down, across) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-        // In the order in which a cell's border is followed.
+        // In the order of a cell's border.
         let corners = [(0, 0), (0, 1), (1, 1), (1, 0)].map(|(i, j)| (down + i, across + j));
         let own = corners.iter().position(|&corner| corner == (1, 1)).expect("the node is a corner of all four cells");
         let points = corners.map(|(i, j)| if (i, j) == (1, 1) { Some(place) } else { around[i][j] });
@@ -152,7 +156,7 @@ fn smallest_triangle(around: &[[Option<DVec2>; 3]; 3], place: DVec2) -> f64 {
             let [p, q, r] = [apex % 4, (apex + 1) % 4, (apex + 3) % 4].map(|k| points[k].unwrap_or_default());
             (q - p).perp_dot(r - p)
         };
-        // Cells differ in size by orders of magnitude: each is measured by itself.
+        // Cells differ in size by orders of magnitude, so each is relative to itself.
         let size: f64 = (0..4).map(|apex| triangle(apex).abs()).sum();
         for apex in [own + 3, own, own + 1] {
             least = least.min(triangle(apex) / size.max(f64::MIN_POSITIVE));
@@ -186,7 +190,7 @@ fn best_place(cells: usize, nodes: &[Vec2], at: usize) -> Vec2 {
     place.as_vec2()
 }
 
-/// Towards the identity, shifted along the circle as the map is on average.
+/// Blends with the identity, shifted along the circle by the mean shift of the map.
 fn blend(cells: usize, nodes: &[Vec2], share: f32) -> Vec<Vec2> {
     let own = |at: usize| Vec2::new((at % cells) as f32, (at / cells) as f32) / cells as f32;
     let shift = (0..nodes.len()).map(|at| f64::from(nodes[at].x - own(at).x)).sum::<f64>() / nodes.len() as f64;

@@ -1,4 +1,4 @@
-//! The marginal/conditional tail: first a row by its share of the light, then a column within the row.
+//! The marginal/conditional tail: first a row in proportion to its light, then a column within the row.
 
 use glam::Vec2;
 
@@ -9,16 +9,18 @@ use crate::{
     simd::Lanes,
 };
 
-/// The row-column tail (the inversion method in two steps, as in pbrt and Mitsuba), exact for the bilinear density: the marginal
-/// is piecewise linear over v, and so is the conditional over u, whose nodes blend those of the two rows around v.
+/// The row-column tail (the inversion method in two steps, as in pbrt and Mitsuba), exact for the bilinear
+/// density: the marginal is piecewise linear over v, and so is the conditional over u, whose nodes
+/// interpolate those of the two rows around v.
 #[derive(Clone, Debug)]
 pub struct RowColumn {
     grid: BilinearDensity,
     /// Marginal density at the rows of nodes, `[rows + 1]`.
     marginal: Vec<f32>,
-    /// Share of the light above each row of nodes, `[rows + 1]`, from 0 to 1.
+    /// Fraction of the light above each row of nodes, `[rows + 1]`, from 0 to 1.
     above: Vec<f32>,
-    /// Integral of each row of nodes from its first texel centre to each next one, `[rows + 1][columns + 1]`.
+    /// Integral of each row of nodes from its first texel centre to each texel centre,
+    /// `[rows + 1][columns + 1]`.
     before: Vec<f32>,
 }
 
@@ -49,7 +51,7 @@ impl RowColumn {
         Self { grid, marginal: sums.into_iter().map(|sum| sum as f32).collect(), above, before }
     }
 
-    /// The density of the map.
+    /// Returns the density of the map.
     pub fn grid(&self) -> &BilinearDensity {
         &self.grid
     }
@@ -58,12 +60,12 @@ impl RowColumn {
         &mut self.grid
     }
 
-    /// Marginal densities, shares above, and integrals of rows, for other devices.
+    /// Returns marginal densities, fractions above, and integrals of rows, for other devices.
     pub(super) fn tables(&self) -> [&[f32]; 3] {
         [&self.marginal, &self.above, &self.before]
     }
 
-    /// The integral of the blended row from its first texel centre to the left edge of a cell.
+    /// Returns the integral of the interpolated row from its first texel centre to the left edge of a cell.
     fn before(&self, row: usize, t: f32, column: usize) -> f32 {
         let stride = self.grid.columns() + 1;
         let (upper, lower) = (self.before[row * stride + column], self.before[(row + 1) * stride + column]);

@@ -1,4 +1,5 @@
-//! A warp of the square as one table of its values: bilinear in each cell, with that interpolant's own Jacobian and inverse.
+//! A warp of the square as a table of its values: bilinear in each cell, with that interpolant's own Jacobian
+//! and inverse.
 
 use crate::parallel::*;
 use glam::{DVec2, Vec2};
@@ -8,37 +9,39 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Fewest and most cells along a side.
+/// Smallest and largest number of cells along a side.
 const CELLS: std::ops::RangeInclusive<usize> = 4..=1024;
-/// The Jacobian at a corner of a cell is at least this share of the cell's mean.
+/// Smallest Jacobian at a corner of a cell, as a fraction of the cell's mean.
 pub(super) const LEAST_CORNER: f64 = 1e-4;
-/// Most squares along a side of the grid over X in which walks start.
+/// Largest number of squares along a side of the grid over X in which walks start.
 const STARTS: usize = 256;
-/// Cells that a walk visits before the tree is asked.
+/// Number of cells that a walk visits before the tree is used.
 const WALK: usize = 16;
-/// Columns and rows that the first step of a walk goes at most.
+/// Largest number of columns and rows in the first step of a walk.
 const STRIDE: f64 = 32.0;
-/// Turns around the circle that a node may be away from its place: a flow may rotate rows near the poles several times.
+/// Largest number of turns around the circle between a node and its cell: a flow may rotate rows near the
+/// poles several times.
 const MOST_TURNS: f32 = 16.0;
-/// What single precision adds to a bounding box: half of the spacing of numbers above [`MOST_TURNS`].
+/// Margin of bounding boxes for single precision: half of the spacing of numbers above [`MOST_TURNS`].
 const BOX_MARGIN: f32 = 1e-6;
 
 /// A bijection of the unit square (coordinate 0 a circle, coordinate 1 an interval), tabulated at the corners of `n x n` cells.
 ///
-/// Every cell is carried to a convex quadrilateral by bilinear interpolation. Neighbours share edges, the edges are straight, and
-/// the borders `v = 0` and `v = 1` stay where they are, so that the images tile the square and the map is one to one; its inverse is the
-/// root of a quadratic (Heckbert 1989, "Fundamentals of Texture Mapping and Image Warping", section A.2). The density that it gives to
-/// uniform points is one over the interpolant's Jacobian, which integrates to 1 exactly.
+/// Every cell is mapped to a convex quadrilateral by bilinear interpolation. Neighbours share edges, the
+/// edges are straight, and the borders `v = 0` and `v = 1` are fixed, so that the images tile the square and
+/// the map is one-to-one; its inverse is the root of a quadratic (Heckbert 1989, "Fundamentals of Texture
+/// Mapping and Image Warping", section A.2). The density that it gives to uniform points is the reciprocal of
+/// the interpolant's Jacobian, which integrates to 1 exactly.
 ///
-/// The cell of a point is found by a short walk: from the cell at the middle of a square of X, each cell's own inverse says how many
-/// columns and rows away the point comes from. Under a sun half of all cells are in a few squares; walks that do not arrive are given up
-/// for a tree of bounding boxes over squares of cells.
+/// The cell of a point is found by a short walk: from the cell at the middle of a square of X, each cell's
+/// inverse estimates how many columns and rows away the point comes from. Under a sun, half of all cells are
+/// in a few squares; walks that do not arrive fall back to a tree of bounding boxes over squares of cells.
 #[derive(Clone, Debug)]
 pub struct WarpMap {
     cells: usize,
     /// `[cells + 1, cells + 1]`, row-major; the last column is the first one, moved by 1.
     nodes: Vec<Vec2>,
-    /// From the whole square down to single cells.
+    /// One level after the other, from the whole square down to single cells.
     boxes: Vec<Vec<Bounds>>,
     /// The cell at the middle of each square of a grid over X, `[side, side]`.
     starts: Vec<u32>,
@@ -75,7 +78,7 @@ pub(super) struct Cell {
 }
 
 impl Cell {
-    /// Of its corners at `(0, 0)`, `(1, 0)`, `(0, 1)`, `(1, 1)`.
+    /// Creates the interpolant of its corners at `(0, 0)`, `(1, 0)`, `(0, 1)`, `(1, 1)`.
     pub(super) fn new(corners: [Vec2; 4]) -> Self {
         let [a, b, c, d] = corners.map(Vec2::as_dvec2);
         Self { p: a, e: b - a, f: c - a, g: (d - c) - (b - a) }
@@ -85,24 +88,25 @@ impl Cell {
         self.p + s * self.e + t * self.f + s * t * self.g
     }
 
-    /// The Jacobian determinant by `(s, t)`: linear in both.
+    /// Returns the Jacobian determinant by `(s, t)`, which is linear in both.
     pub(super) fn jacobian(&self, s: f64, t: f64) -> f64 {
         self.e.perp_dot(self.f) + s * self.e.perp_dot(self.g) + t * self.g.perp_dot(self.f)
     }
 
-    /// Whether the image is convex with room to spare: the Jacobian, linear, is positive in the cell if it is at the corners.
+    /// Whether the image is convex with a margin: the Jacobian, linear, is positive in the cell if it is at
+    /// the corners.
     pub(super) fn is_convex(&self) -> bool {
         self.has_room(LEAST_CORNER)
     }
 
-    /// Whether the least Jacobian of its corners is this share of their mean.
+    /// Whether the smallest Jacobian of its corners is at least `least` times their mean.
     pub(super) fn has_room(&self, least: f64) -> bool {
         let mean = self.jacobian(0.5, 0.5);
         let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
         mean > 0.0 && corners.iter().all(|&(s, t)| self.jacobian(s, t) >= least * mean)
     }
 
-    /// `(s, t)` of a point, and how far outside the unit square that is (0 inside).
+    /// Returns `(s, t)` of a point, and its distance outside the unit square (0 inside).
     fn invert(&self, x: DVec2) -> (DVec2, f64) {
         // (h - t f) x (e + t g) = 0.
         let h = x - self.p;
@@ -114,7 +118,7 @@ impl Cell {
             let s = (h - t * self.f).dot(along) / along.length_squared();
             let st = DVec2::new(s, t);
             let outside = (-st).max(st - DVec2::ONE).max_element().max(0.0);
-            // The apex of a trapezoid, where `along` vanishes, is a root too; a maximum would overlook that s is then no number.
+            // The apex of a trapezoid, where `along` vanishes, is a root too; `max` would miss that s is NaN.
             (st, if st.is_finite() { outside } else { f64::INFINITY })
         };
         let (first, second) = (candidate(c / q), candidate(q / a));
@@ -123,12 +127,12 @@ impl Cell {
 }
 
 impl WarpMap {
-    /// The map with the values `nodes`, `[cells + 1, cells]`, at the corners of cells. The circle's coordinate is lifted to the line: along a
-    /// row it grows by 1 in all.
+    /// Creates the map with the values `nodes`, `[cells + 1, cells]`, at the corners of cells. The circle's
+    /// coordinate is lifted to the line: along a row it grows by 1 in total.
     ///
     /// # Errors
-    /// The number of cells is no power of two from 4 to 1024, a value is not finite or out of range, the borders move, or the image of
-    /// a cell is not convex (see [`WarpMap::repaired`]).
+    /// The number of cells is not a power of two from 4 to 1024, a value is not finite or out of range, the
+    /// borders move, or the image of a cell is not convex (see [`WarpMap::repaired`]).
     pub fn new(cells: usize, nodes: &[Vec2]) -> Result<Self> {
         let refuse = |reason: String| Err(Error::argument("tail.map", reason));
         if !(CELLS.contains(&cells) && cells.is_power_of_two()) || nodes.len() != cells * (cells + 1) {
@@ -159,28 +163,29 @@ impl WarpMap {
         Ok(map)
     }
 
-    /// Cells along a side.
+    /// Returns the number of cells along a side.
     pub fn cells(&self) -> usize {
         self.cells
     }
 
-    /// The values `[cells + 1, cells]` that [`WarpMap::new`] takes.
+    /// Returns the values `[cells + 1, cells]` that [`WarpMap::new`] takes.
     pub fn nodes(&self) -> Vec<Vec2> {
         self.nodes.chunks_exact(self.cells + 1).flat_map(|row| &row[..self.cells]).copied().collect()
     }
 
-    /// `p`, `e`, `f` and `g` of a cell, for other devices: from single precision differences of nodes would lose their digits.
+    /// Returns `p`, `e`, `f` and `g` of a cell, for other devices: computed from nodes in single precision,
+    /// differences would lose their digits.
     pub(super) fn cell_numbers(&self, index: usize) -> [f32; 8] {
         let Cell { p, e, f, g } = cell_of(self.cells, &self.nodes, index);
         [p.x, p.y, e.x, e.y, f.x, f.y, g.x, g.y].map(|number| number as f32)
     }
 
-    /// The bounding boxes of all levels, four numbers each.
+    /// Returns the bounding boxes of all levels, four numbers each.
     pub(super) fn box_numbers(&self) -> impl Iterator<Item = f32> {
         self.boxes.iter().flatten().flat_map(|bounds| bounds.0)
     }
 
-    /// `y` in `[0, 1)^2` to `(x, |dx/dy|)`.
+    /// Maps `y` in `[0, 1)^2` to `(x, |dx/dy|)`.
     pub fn forward(&self, y: Vec2) -> (Vec2, f32) {
         let at = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)) * self.cells as f32;
         let (column, row) = (at.x as usize, at.y as usize);
@@ -192,7 +197,7 @@ impl WarpMap {
         (x, (cell.jacobian(s, t) * self.scale()) as f32)
     }
 
-    /// `x` in `[0, 1]^2` to `(y, |dy/dx|)`.
+    /// Maps `x` in `[0, 1]^2` to `(y, |dy/dx|)`.
     pub fn inverse(&self, x: Vec2) -> (Vec2, f32) {
         let (index, st) = self.walk(x).unwrap_or_else(|| self.look_up(x));
         let cell = cell_of(self.cells, &self.nodes, index);
@@ -201,12 +206,13 @@ impl WarpMap {
         (y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)), (1.0 / (cell.jacobian(st.x, st.y) * self.scale())) as f32)
     }
 
-    /// Cells per unit area of Y.
+    /// Returns the number of cells per unit area of Y.
     fn scale(&self) -> f64 {
         (self.cells * self.cells) as f64
     }
 
-    /// The cell whose image holds `x`, and where in the cell it comes from, if that is near the start of the walk.
+    /// Walks to the cell whose image contains `x`; returns it and the position in the cell, or `None` if the
+    /// walk does not arrive.
     fn walk(&self, x: Vec2) -> Option<(usize, DVec2)> {
         let side = self.cells.min(STARTS);
         let at = |x: f32| ((x * side as f32) as usize).min(side - 1);
@@ -214,7 +220,7 @@ impl WarpMap {
         let (mut stride, mut last) = (DVec2::splat(STRIDE), DVec2::ZERO);
         for _ in 0..WALK {
             let cell = cell_of(self.cells, &self.nodes, index);
-            // On the cell's turn of the circle.
+            // Moves x to the cell's turn of the circle.
             let turn = (cell.evaluate(0.5, 0.5).x - f64::from(x.x)).round();
             let (st, outside) = cell.invert(x.as_dvec2() + DVec2::new(turn, 0.0));
             if outside == 0.0 {
@@ -224,7 +230,7 @@ impl WarpMap {
                 return None;
             }
             let step = st.floor().clamp(-stride, stride);
-            // Back again: the cells between differ much in size, and the steps become those of a bisection.
+            // On reversal, cells in between differ much in size; the steps become those of a bisection.
             let turns_back = (step * last).cmplt(DVec2::ZERO);
             stride = DVec2::select(turns_back, (0.5 * stride).ceil(), stride);
             last = DVec2::select(step.cmpeq(DVec2::ZERO), last, step);
@@ -237,7 +243,7 @@ impl WarpMap {
         None
     }
 
-    /// The cell whose image holds `x`, and where in the cell it comes from, by the tree.
+    /// Finds the cell whose image contains `x`, and the position in the cell, by the tree.
     fn look_up(&self, x: Vec2) -> (usize, DVec2) {
         let (mut best, mut least) = ((0, DVec2::splat(0.5)), f64::INFINITY);
         let root = self.boxes[0][0].0;
@@ -249,9 +255,10 @@ impl WarpMap {
         (best.0, best.1.clamp(DVec2::ZERO, DVec2::ONE))
     }
 
-    /// Looks at all cells whose box holds `x`, until one has it inside; keeps the one that it is least outside of.
+    /// Visits all cells whose box contains `x`, until one contains `x`; keeps the cell with the smallest
+    /// distance.
     fn search(&self, x: Vec2, best: &mut (usize, DVec2), least: &mut f64) {
-        // Three siblings wait at each of at most ten levels.
+        // Three siblings wait at each of at most 10 levels.
         let mut waiting = [(0_u8, 0_u32, 0_u32); 48];
         let mut count = 1;
         while count > 0 {
@@ -280,19 +287,19 @@ impl WarpMap {
     }
 }
 
-/// Nodes with the first column repeated at the end, moved by 1.
+/// Returns nodes with the first column repeated at the end, moved by 1.
 pub(super) fn close(cells: usize, nodes: &[Vec2]) -> Vec<Vec2> {
     nodes.chunks_exact(cells).flat_map(|row| row.iter().copied().chain([row[0] + Vec2::X])).collect()
 }
 
-/// A cell of closed nodes.
+/// Returns a cell of closed nodes.
 pub(super) fn cell_of(cells: usize, nodes: &[Vec2], index: usize) -> Cell {
     let at = index / cells * (cells + 1) + index % cells;
     let below = at + cells + 1;
     Cell::new([nodes[at], nodes[at + 1], nodes[below], nodes[below + 1]])
 }
 
-/// The tree of bounding boxes.
+/// Builds the tree of bounding boxes.
 fn boxes(cells: usize, nodes: &[Vec2]) -> Vec<Vec<Bounds>> {
     let leaf = |index: usize| {
         let at = index / cells * (cells + 1) + index % cells;
@@ -320,7 +327,8 @@ mod tests {
     use super::*;
     use crate::random::{Purpose, Stream};
 
-    /// Rows are moved along the circle, and columns gather around a point, as under a lamp.
+    /// Returns a map whose rows are moved along the circle and whose columns gather around a point, as under
+    /// a lamp.
     fn gathered(cells: usize) -> WarpMap {
         let node = |k: usize| {
             let (u, v) = ((k % cells) as f32 / cells as f32, (k / cells) as f32 / cells as f32);
@@ -333,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn walks_arrive_where_the_tree_leads() {
+    fn walks_and_tree_find_the_same_cell() {
         let map = gathered(64);
         let mut random = Stream::new(1, Purpose::Test, 0);
         let mut arrived = 0;
@@ -344,8 +352,9 @@ mod tests {
             let (found, at) = map.look_up(x);
             let y = |index: usize, st: DVec2| DVec2::new((index % 64) as f64, (index / 64) as f64) + st;
             let apart = (y(walked, st) - y(found, at)).abs();
-            // On an edge either cell may be found, also across the seam. The tree rounds x to 1.2e-7 on another turn of the circle, which 64
-            // cells and the density, 10 at most in either coordinate, magnify.
+            // On an edge either cell may be found, also across the seam. The tree rounds x to 1.2e-7 on
+            // another turn of the circle, which is magnified by 64 cells and by the density, at most 10 in
+            // either coordinate.
             assert!(apart.x.min(64.0 - apart.x) < 1e-4 && apart.y < 1e-4, "{x}: {walked} {st}, {found} {at}");
         }
         assert!(arrived > 19_900, "{arrived} walks arrived");

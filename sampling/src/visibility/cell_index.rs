@@ -7,7 +7,7 @@ use std::{
 
 use super::cells::{CellKey, LEVELS};
 
-/// A hash of keys that are spread enough by a product.
+/// A hash for keys that a product distributes well enough.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct KeyHasher(u64);
 
@@ -36,13 +36,13 @@ pub type ByKey<T> = HashMap<CellKey, T, BuildHasherDefault<KeyHasher>>;
 pub struct CellIndex(ByKey<u32>);
 
 impl CellIndex {
-    /// The cell of exactly this key.
+    /// Returns the cell with exactly this key.
     #[inline]
     pub fn get(&self, key: CellKey) -> Option<u32> {
         self.0.get(&key).copied()
     }
 
-    /// The finest cell that contains a key, and its level above it.
+    /// Returns the finest cell that contains a key, and its level above the key.
     #[inline]
     pub fn find(&self, mut key: CellKey) -> Option<(u32, usize)> {
         if self.0.is_empty() {

@@ -7,7 +7,7 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Levels of cells, each twice as large as the one below.
+/// Number of levels of cells, each twice as large as the one below.
 pub const LEVELS: usize = 7;
 
 /// Bits of a coordinate in a key.
@@ -31,8 +31,8 @@ pub struct Cells {
     angle: f32,
 }
 
-/// A cell: its size, axis of normals, and three coordinates modulo 2^17. Cells that far apart share
-/// their visibility, which costs variance and adds no bias.
+/// A cell: its size, axis of normals, and three coordinates modulo 2^17. Cells that coincide modulo 2^17
+/// share their visibility, which adds variance but no bias.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct CellKey(pub u64);
 
@@ -42,18 +42,18 @@ impl Cells {
         Self { eye, angle: angle.max(f32::MIN_POSITIVE) }
     }
 
-    /// The eye, and the angle.
+    /// Returns the eye and the angle.
     pub fn parts(&self) -> (Vec3A, f32) {
         (self.eye, self.angle)
     }
 
-    /// The finest cell of a point with a normal.
+    /// Returns the finest cell of a point with a normal.
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])
     }
 
-    /// The finest cells of a strip of points with normals.
+    /// Returns the finest cells of a strip of points with normals.
     #[inline(always)]
     fn keys(&self, p: &[Lanes; 3], n: &[Lanes; 3]) -> [u64; LANES] {
         let eye = self.eye.to_array();
@@ -101,14 +101,14 @@ impl Cells {
 }
 
 vectorized! {
-    /// [`Cells::keys`], compiled for every instruction set.
+    /// Computes [`Cells::keys`], compiled for every instruction set.
     pub fn keys['a](_simd, cells: &'a Cells, p: &'a [Lanes; 3], n: &'a [Lanes; 3], out: &'a mut [u64; LANES]) {
         *out = cells.keys(p, n);
     }
 }
 
 impl CellKey {
-    /// Orders cells by their sizes.
+    /// Returns a number that orders cells by their sizes.
     pub fn size(self) -> u64 {
         self.0 >> (3 * COORDINATE_BITS + AXIS_BITS) & ((1 << SIZE_BITS) - 1)
     }
@@ -118,11 +118,11 @@ impl CellKey {
         self.0 >> CELL_BITS == 0
     }
 
-    /// The cell of the next level that contains it.
+    /// Returns the cell of the next level that contains it.
     #[inline]
     pub fn parent(self) -> Self {
         let own = |k: u32| {
-            // The sign comes along.
+            // Extends the sign.
             let shifted = (self.0 >> (k * COORDINATE_BITS)) << (64 - COORDINATE_BITS);
             (shifted as i64 >> (64 - COORDINATE_BITS + 1)) as u64 & ((1 << COORDINATE_BITS) - 1)
         };
@@ -136,7 +136,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_are_seen_under_one_to_two_times_their_angle() {
+    fn cells_subtend_one_to_two_times_the_angle() {
         let cells = Cells::new(Vec3A::new(1.0, 2.0, 3.0), 0.01);
         for distance in [1e-3_f32, 0.5, 1.0, 7.0, 300.0, 1e6] {
             let p = Vec3A::new(1.0 + distance, 2.0, 3.0);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_the_numbers_there_is_a_key() {
+    fn extreme_inputs_have_keys() {
         for p in [f32::NAN, f32::INFINITY, -1e38, 1e-44, 0.0] {
             for angle in [0.0, 1e-3, f32::MAX] {
                 let cells = Cells::new(Vec3A::ZERO, angle);

@@ -11,17 +11,18 @@ use super::{
     division::PATCHES,
 };
 
-/// Least number of rays of a cell, half of what the prior counts as; fewer say little for their time and memory.
+/// Smallest number of rays of a cell, half of the rays that the prior counts as; fewer are not worth the time
+/// and memory.
 const LEAST_RAYS: usize = 32;
 
-/// A shadow ray without a cell so far: the key, and the patch with the visibility in the lowest bit.
+/// A shadow ray that has no cell yet: the key, and the patch with the visibility in the lowest bit.
 type Ray = (CellKey, u16);
 
-/// The cells with their counts.
+/// The cells and their counts.
 #[derive(Debug, Default)]
 pub struct Counts {
     index: CellIndex,
-    /// The cell that contains each cell.
+    /// The parent of each cell.
     parents: Vec<Option<u32>>,
     keys: Vec<CellKey>,
     /// For each cell and patch: unblocked rays in the upper half, all in the lower.
@@ -31,7 +32,7 @@ pub struct Counts {
 }
 
 impl Counts {
-    /// The finest cell that contains a key, and its level above it.
+    /// Returns the finest cell that contains a key, and its level above the key.
     #[inline]
     pub fn find(&self, key: CellKey) -> Option<(u32, usize)> {
         self.index.find(key)
@@ -42,24 +43,24 @@ impl Counts {
         self.parents.len()
     }
 
-    /// The key of a cell.
+    /// Returns the key of a cell.
     pub fn key(&self, cell: usize) -> CellKey {
         self.keys[cell]
     }
 
-    /// The cell that contains a cell.
+    /// Returns the parent of a cell.
     pub fn parent(&self, cell: usize) -> Option<u32> {
         self.parents[cell]
     }
 
-    /// The cells of each size, smaller ones first.
+    /// Returns the cells of each size, smaller ones first.
     pub fn by_size(&self) -> Vec<Vec<usize>> {
         let mut cells: Vec<usize> = (0..self.cells()).collect();
         cells.sort_by_key(|&cell| self.keys[cell].size());
         cells.chunk_by(|&a, &b| self.keys[a].size() == self.keys[b].size()).map(<[usize]>::to_vec).collect()
     }
 
-    /// Rays of each patch: unblocked, and all.
+    /// Returns the rays of each patch: unblocked, and all.
     pub fn rays(&self, cell: usize) -> impl Iterator<Item = [u32; 2]> {
         self.packed(cell).iter().map(|rays| {
             let rays = rays.load(Relaxed);
@@ -67,7 +68,7 @@ impl Counts {
         })
     }
 
-    /// The same in one number for each patch: unblocked rays in the upper half, all in the lower.
+    /// Returns the rays packed into one number per patch: unblocked rays in the upper half, all in the lower.
     pub fn packed(&self, cell: usize) -> &[AtomicU64] {
         &self.rays[cell * PATCHES..][..PATCHES]
     }
@@ -88,13 +89,14 @@ impl Counts {
             }
         }
         if !fresh.is_empty() {
-            // Sorted by each thread, so that rays of a cell become neighbours.
+            // Sorted per thread, so that rays of a cell become neighbours.
             fresh.sort_unstable();
             self.fresh.lock().unwrap_or_else(PoisonError::into_inner).append(&mut fresh);
         }
     }
 
-    /// Makes cells for rays without one: the finest with enough rays, and those that contain them, up to `most` cells.
+    /// Creates cells for rays without one: the finest cells with enough rays, and those that contain them, up
+    /// to `most` cells.
     pub fn settle(&mut self, most: usize) {
         let mut rays = std::mem::take(self.fresh.get_mut().unwrap_or_else(PoisonError::into_inner));
         for level in 0..LEVELS {
@@ -106,9 +108,9 @@ impl Counts {
             let makes_cell = |&(_, count): &(CellKey, usize)| count >= LEAST_RAYS || level + 1 == LEVELS;
             let mut new: Vec<(usize, CellKey)> =
                 missing.into_iter().filter(makes_cell).map(|(key, count)| (count, key)).collect();
-            // Cells with most rays first, for where memory is short.
+            // Cells with most rays first, in case memory is short.
             new.sort_unstable_by_key(|&(count, key)| (std::cmp::Reverse(count), key));
-            // With the cells that contain them, most of which are shared.
+            // Includes the cells that contain them, most of which are shared.
             let room = most.saturating_sub(self.cells()).min(new.len() + new.len() / 2);
             self.rays.reserve(room * PATCHES);
             for (_, key) in new {
@@ -179,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_rays_does_not_matter_and_none_is_lost() {
+    fn counts_are_complete_and_independent_of_ray_order() {
         let rays = rays(20_000);
         let settled = |rays: &mut dyn Iterator<Item = &(CellKey, u16, bool)>| {
             let mut counts = Counts::default();
@@ -189,7 +191,7 @@ mod tests {
         };
         let (mut forward, mut backward) = (settled(&mut rays.iter()), settled(&mut rays.iter().rev()));
         assert_eq!(all(&forward), all(&backward));
-        // The same rays once more, now that there are cells.
+        // The same rays again, now that there are cells.
         forward.add(rays.iter().copied());
         backward.add(rays.iter().rev().copied());
         forward.settle(100_000);

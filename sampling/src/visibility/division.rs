@@ -2,9 +2,9 @@
 
 use crate::simd::LANES;
 
-/// Clusters of patches.
+/// Number of clusters of patches.
 pub const CLUSTERS: usize = 32;
-/// Patches: [`LANES`] of each cluster.
+/// Number of patches, [`LANES`] per cluster.
 pub const PATCHES: usize = CLUSTERS * LANES;
 
 /// The fraction of the map's light in each patch.
@@ -14,16 +14,16 @@ pub struct Division {
 }
 
 impl Division {
-    /// From the energy of each patch; 0 for patches that do not exist.
+    /// Creates a division from the energy of each patch; 0 for patches that do not exist.
     ///
     /// # Panics
-    /// If there are not [`PATCHES`] of them.
+    /// If `energies` does not have [`PATCHES`] elements.
     pub fn new(energies: Vec<f32>) -> Self {
         assert_eq!(energies.len(), PATCHES, "an energy for each patch");
         Self { energies }
     }
 
-    /// The energies of the patches.
+    /// Returns the energies of the patches.
     pub fn energies(&self) -> &[f32] {
         &self.energies
     }

@@ -12,14 +12,14 @@ use super::{
 };
 use crate::{columns::vectorized, simd::LANES};
 
-/// Visibility without any rays.
+/// Prior visibility without rays.
 const UNKNOWN: f32 = 0.7;
-/// Rays that the prior of a larger cell counts as.
+/// Number of rays that the prior of a larger cell counts as.
 const STRENGTH: f32 = 64.0;
-/// Least visibility of full weight: above, the noise of estimates would make the integrand rough.
+/// Smallest visibility with full weight: above it, the noise of estimates would make the integrand rough.
 const SEEN: f32 = 0.2;
-/// Least weight over the mean of the cell, which bounds the brightness of samples that seemed to be blocked. Weights are roots of visibilities, the
-/// choice of least variance.
+/// Smallest weight relative to the mean of the cell, which bounds the brightness of samples that were
+/// estimated as blocked. Weights are square roots of visibilities, which minimizes variance.
 const LEAST: f32 = 0.3;
 
 /// Visibility of the patches and clusters from a cell.
@@ -30,12 +30,12 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// The prior of the largest cells.
+    /// Returns the prior of the largest cells.
     pub fn unknown() -> Self {
         Self { patches: vec![UNKNOWN; PATCHES], clusters: [UNKNOWN; CLUSTERS] }
     }
 
-    /// The visibility of each patch.
+    /// Returns the visibility of each patch.
     pub fn patches(&self) -> &[f32] {
         &self.patches
     }
@@ -46,21 +46,21 @@ impl Visibility {
         self.patches[..patches.len()].copy_from_slice(patches);
     }
 
-    /// The estimate from rays, with a larger cell as the prior.
+    /// Estimates visibility from rays, with a larger cell as the prior.
     fn of(rays: &Rays, above: &Self) -> Self {
         let mut own = above.clone();
         update(rays, above, &mut own);
         own
     }
 
-    /// Weights of the patches of a division, `[PATCHES]`, and their lower bound.
+    /// Returns the weights of the patches of a division, `[PATCHES]`, and their lower bound.
     pub fn weigh(&self, division: &Division) -> (Vec<f32>, f32) {
         let (mut weights, mut least) = (vec![0.0; PATCHES], 0.0);
         weigh(&self.patches, division.energies(), &mut weights, &mut least);
         (weights, least)
     }
 
-    /// The weights of the patches of a division.
+    /// Returns the quantized weights of the patches of a division.
     pub fn weights(&self, division: &Division) -> Weights {
         let (of_patches, _) = self.weigh(division);
         Weights::new(|patch| of_patches[patch], division.energies())
@@ -73,7 +73,7 @@ fn root(visibility: f32) -> f32 {
 }
 
 vectorized! {
-    /// [`Visibility::of`], compiled for every instruction set.
+    /// Computes [`Visibility::of`], compiled for every instruction set.
     fn update['a](_simd, rays: &'a Rays, above: &'a Visibility, own: &'a mut Visibility) {
         let lists = rays.seen.chunks_exact(LANES).zip(rays.all.chunks_exact(LANES));
         for (cluster, ((seen, all), patches)) in lists.zip(own.patches.chunks_exact_mut(LANES)).enumerate() {
@@ -90,7 +90,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// [`Visibility::weigh`], compiled for every instruction set.
+    /// Computes [`Visibility::weigh`], compiled for every instruction set.
     fn weigh['a](_simd, visibility: &'a [f32], energies: &'a [f32], weights: &'a mut [f32], least: &'a mut f32) {
         let (mut sum, mut all) = ([0.0; LANES], [0.0; LANES]);
         let lists = visibility.chunks_exact(LANES).zip(energies.chunks_exact(LANES));
@@ -111,8 +111,9 @@ vectorized! {
     }
 }
 
-/// Calls `of` with the rays and the visibility of each of the `chosen` cells. Rays do not include those of smaller cells within it; the prior of
-/// its visibility is that of the cell that contains it, or its own in `precomputed`.
+/// Calls `of` with the rays and the visibility of each of the `chosen` cells. Rays do not include those of
+/// smaller cells within it; the prior is the visibility of the cell that contains it, or its own in
+/// `precomputed`.
 pub fn estimate<'a, T: Send>(
     counts: &Counts,
     precomputed: impl Fn(CellKey) -> Option<&'a Visibility> + Sync,
@@ -126,7 +127,7 @@ pub fn estimate<'a, T: Send>(
             inside[parent as usize].push(cell);
         }
     }
-    // Rays of cells with those of the cells within them: smaller ones first.
+    // Rays of cells including those of the cells within them, smaller ones first.
     let mut rays: Vec<Option<Rays>> = vec![None; counts.cells()];
     for cells in &by_size {
         let sums = cells.par_iter().filter(|&&cell| !inside[cell].is_empty()).map(|&cell| {
@@ -143,7 +144,7 @@ pub fn estimate<'a, T: Send>(
             rays[cell] = Some(sum);
         }
     }
-    // Their visibility: larger ones first.
+    // Visibility of these cells, larger ones first.
     let unknown = Visibility::unknown();
     let mut found: Vec<Option<Visibility>> = vec![None; counts.cells()];
     let before = |found: &[Option<Visibility>], cell: usize, rays: &Rays| {
@@ -171,7 +172,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    /// The rays of a cell, without those of cells within it.
+    /// Returns the rays of a cell, without those of cells within it.
     fn of(counts: &Counts, cell: usize) -> Self {
         let mut rays = Self { seen: vec![0.0; PATCHES], all: vec![0.0; PATCHES] };
         add_counts(counts.packed(cell), &mut rays);
@@ -197,7 +198,7 @@ vectorized! {
                 *packed = count.load(Relaxed);
             }
             for k in 0..LANES {
-                // As signed numbers, which every processor converts in one instruction.
+                // Signed, because every processor converts signed numbers in one instruction.
                 seen[k] += (packed[k] >> 32) as i32 as f32;
                 all[k] += packed[k] as i32 as f32;
             }
@@ -231,11 +232,12 @@ mod tests {
         let division = Division::new(vec![1.0; PATCHES]);
         let weights = estimate(&counts, |_| None, 0..counts.cells(), |_, visibility| visibility.weights(&division));
         let at = |x: f32, patch| weights[counts.find(key(x)).unwrap().0 as usize].of_patch(patch);
-        // The root of (1/16) / 0.2, in steps of 1/255; 64 rays of the prior, which is as good as the same, change little.
+        // The root of (1/16) / 0.2, in steps of 1/255; the prior's 64 rays are close to it and change little.
         assert!((at(0.01, 3) - (0.0625_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.01, 3));
-        // At least a fraction of the mean, which is near 1.
+        // The lower bound relative to the mean, which is near 1.
         assert!((LEAST * 0.9..=LEAST).contains(&at(0.01, 20)), "{}", at(0.01, 20));
-        // Forty rays against 64 of the prior, for the cluster as a whole first: 0.0625 * 64 / 104 = 0.0385, and 0.0385 * 64 / 104 = 0.0237.
+        // 40 rays against 64 of the prior, for the whole cluster first: 0.0625 * 64 / 104 = 0.0385, and
+        // 0.0385 * 64 / 104 = 0.0237.
         assert!((at(0.13, 3) - (0.0237_f32 / SEEN).sqrt()).abs() < 0.015, "{}", at(0.13, 3));
         // Patches of another cluster have the prior.
         assert_eq!(at(0.01, 100), 1.0);

@@ -17,14 +17,14 @@ use crate::{
     file, tensor_file,
 };
 
-/// The version of the format, and of the division of the sky into patches that its counts belong to.
+/// Version of the format, and of the division of the sky into the patches of its counts.
 const FORMAT_VERSION: u32 = 1;
-/// Larger files are refused before they are read.
+/// Larger files are rejected before they are read.
 const LARGEST_FILE: u64 = 1 << 30;
 /// The entry of the metadata.
 const ENTRY: &str = "headtail.visibility";
 
-/// What a file says of itself.
+/// The metadata of a file.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description {
@@ -33,19 +33,19 @@ struct Description {
     scene_hash: String,
     environment: String,
     environment_hash: String,
-    /// Where the camera stood, in metres.
+    /// Position of the camera, in metres.
     eye: [f32; 3],
-    /// The side of a cell over its distance from there.
+    /// Side of a cell over its distance from the camera.
     angle: f32,
-    /// What learning took.
+    /// Wall-clock seconds of learning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seconds: Option<f64>,
 }
 
 impl SceneVisibility {
-    /// Writes the file to a temporary name beside `path` and renames it. The same visibility gives the same bytes.
+    /// Writes to a temporary file beside `path` and renames it. The same visibility gives the same bytes.
     ///
-    /// Counts of a patch above 65535 are halved, seen and all alike, until they fit.
+    /// Counts of a patch above 65535 are halved, unblocked and all, until they fit.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -79,10 +79,11 @@ impl SceneVisibility {
         file::replace(path, &bytes)
     }
 
-    /// Reads a file: a safetensors file with `keys` `[cells]` (u64, the bits of cells, ascending), `rays` `[cells, 512, 2]` (u16: for each patch the shadow rays that came through, and all), and one entry of metadata.
+    /// Reads a safetensors file with `keys` `[cells]` (u64, the bits of cells, ascending), `rays`
+    /// `[cells, 512, 2]` (u16: for each patch the unblocked shadow rays, and all), and one entry of metadata.
     ///
     /// # Errors
-    /// One sentence that names the file and the field: the file is not of this format or is damaged.
+    /// The file cannot be read, is not of this format or is damaged. The error names the file and the field.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let invalid = |field: &str, reason: String| Error::invalid(path, field, reason);
@@ -119,7 +120,7 @@ impl SceneVisibility {
             return Err(invalid("tensor 'keys'", "are not ascending keys of cells".to_owned()));
         }
         let mut counts = Counts::default();
-        // The largest first, in which others lie.
+        // Largest cells first, because they contain others.
         for (&key, rays) in keys.iter().zip(rays.chunks_exact(PATCHES * 4)).rev() {
             let rays = rays.chunks_exact(4).map(|rays| [[rays[0], rays[1]], [rays[2], rays[3]]]);
             let rays = rays.map(|rays| rays.map(|count| u32::from(u16::from_le_bytes(count))));
@@ -139,7 +140,7 @@ impl SceneVisibility {
     }
 }
 
-/// Counts of a patch as bytes, halved until they fit.
+/// Converts the counts of a patch to bytes, halved until they fit.
 fn halved([mut seen, mut all]: [u32; 2]) -> [u8; 4] {
     while all > u32::from(u16::MAX) {
         (seen, all) = (seen / 2, all / 2);

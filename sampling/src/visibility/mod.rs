@@ -1,7 +1,9 @@
-//! Visibility of the map from places of a scene, learned from shadow rays; `docs/method/visibility.md` describes the method.
+//! Visibility of the map from points of a scene, learned from shadow rays; `docs/method/visibility.md`
+//! describes the method.
 //!
-//! Shadow rays, and those of them that were not blocked, are counted by the cell of space that they leave ([`Cells`]) and the patch of
-//! the map that they are sent to. The counts become weights ([`Weights`]), which multiply the masses of patches.
+//! Shadow rays, unblocked and all, are counted by the cell of space that they start from ([`Cells`]) and the
+//! patch of the map that they are sent to. The counts become weights ([`Weights`]), which multiply the masses
+//! of patches.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -9,14 +11,14 @@
 //! | `cells.rs`, `cell_index.rs` | cells of space, and their numbers |
 //! | `counts.rs` | shadow rays counted by cell and patch |
 //! | `estimate.rs` | visibility from counts, and weights from visibility |
-//! | `division.rs`, `weights.rs` | the patches that weights are for; the weights |
+//! | `division.rs`, `weights.rs` | the patches that weights refer to; the weights |
 //! | `predicted_gain.rs` | whether weights gain more than they cost |
 //! | `precomputed.rs`, `file.rs` | precomputed visibility, and its file |
 //!
 //! # Why estimates stay unbiased
 //!
-//! The points of a pixel are one scrambled sequence: each is uniform, but not given the others. Weights are therefore learned from
-//! independent points before the picture, and then fixed.
+//! The points of a pixel are one scrambled sequence: each is uniform, but not given the others. Weights are
+//! therefore learned from independent points before the rendering, and then fixed.
 
 mod cell_index;
 mod cells;
@@ -61,7 +63,7 @@ pub struct VisibilityCache {
     previous_gain: Option<PredictedGain>,
     /// Precomputed visibility; no rays are counted in its cells.
     precomputed: Option<Arc<PrecomputedVisibility>>,
-    /// Use weights whatever the predicted gain.
+    /// Whether weights are used regardless of the predicted gain.
     always: bool,
     division: Arc<Division>,
     most_cells: usize,
@@ -74,11 +76,11 @@ pub struct VisibilityCache {
 /// Size and predicted gain of a visibility cache.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CacheSize {
-    /// Cells, of all levels.
+    /// Number of cells of all levels.
     pub cells: usize,
     /// Their size in bytes.
     pub bytes: usize,
-    /// The fraction of shading points that lie in no cell.
+    /// Fraction of shading points outside all cells.
     pub unknown: f64,
     /// Predicted variance without weights over that with them; measured gains are usually higher.
     pub gain: f64,
@@ -86,11 +88,12 @@ pub struct CacheSize {
     pub pays: bool,
 }
 
-/// Least fraction of rays outside of precomputed cells for learning to go on.
+/// Smallest fraction of rays outside precomputed cells for learning to go on.
 const LEAST_NEW: f64 = 0.25;
-/// Least number of cells that the gain of all is estimated from.
+/// Smallest number of cells from which the gain of all is estimated.
 const SAMPLED_CELLS: usize = 1024;
-/// Marks the numbers of precomputed cells. Other numbers are those of this rendering's cells plus 1; 0 is no cell.
+/// Marks the numbers of precomputed cells. Other numbers are those of this rendering's cells plus 1; 0 means
+/// no cell.
 const IS_PRECOMPUTED: u32 = 1 << 31;
 
 impl VisibilityCache {
@@ -116,14 +119,14 @@ impl VisibilityCache {
         }
     }
 
-    /// Adds precomputed visibility. Its cells stay as they are, and cells that it does not have are learned.
+    /// Adds precomputed visibility. Its cells are not updated, and cells that it lacks are learned.
     #[must_use]
     pub fn with_precomputed(self, precomputed: Arc<PrecomputedVisibility>) -> Self {
         let most_cells = self.most_cells.saturating_sub(precomputed.bytes() / Self::CELL_BYTES);
         Self { cells: precomputed.cells(), precomputed: Some(precomputed), most_cells, ..self }
     }
 
-    /// Uses weights whatever the predicted gain.
+    /// Uses weights regardless of the predicted gain.
     #[must_use]
     pub fn always(self) -> Self {
         Self { always: true, ..self }
@@ -138,7 +141,7 @@ impl VisibilityCache {
         self
     }
 
-    /// The counts, labelled with the hashes of scene and map.
+    /// Returns the counts, labelled with the hashes of scene and map.
     pub fn into_scene_visibility(
         self,
         scene_hash: String,
@@ -149,7 +152,7 @@ impl VisibilityCache {
         SceneVisibility { scene_hash, environment, environment_hash, seconds: None, cells, counts }
     }
 
-    /// The finest cells of points.
+    /// Returns the finest cells of points.
     fn keys(&self, at: &Rows<'_>) -> Vec<CellKey> {
         let mut keys = Vec::with_capacity(at.len());
         for strip in 0..at.strips() {
@@ -160,8 +163,8 @@ impl VisibilityCache {
         keys
     }
 
-    /// Counts shadow rays: the row that each starts from, its patch, and whether it is unblocked. The result depends neither on their order nor
-    /// on the number of threads.
+    /// Counts shadow rays, given as the row that each starts from, its patch, and whether it is unblocked.
+    /// The result does not depend on their order or on the number of threads.
     pub fn observe(&self, at: &Rows<'_>, rays: impl Iterator<Item = (u16, u16, bool)>) {
         let keys = self.keys(at);
         let is_precomputed =
@@ -181,23 +184,23 @@ impl VisibilityCache {
         self.observed.fetch_add(observed, Relaxed);
     }
 
-    /// Makes cells for the rays so far, which take less memory than a list of rays.
+    /// Creates cells for the rays so far, which take less memory than a list of rays.
     pub fn settle(&mut self) {
         self.counts.settle(self.most_cells);
     }
 
-    /// [Settles](Self::settle), and predicts the gain; of many cells, from some of them.
+    /// [Settles](Self::settle), and predicts the gain; from a subset if there are many cells.
     pub fn learn(&mut self) {
         self.settle();
         let cells = self.counts.cells();
-        // Cells are in the order of their rays when they were made, so that every n-th is a fair selection.
+        // Cells are ordered by their rays on creation, so every n-th is a representative subset.
         let one_in = (cells / SAMPLED_CELLS).max(1);
         let some = (0..cells).into_par_iter().step_by(one_in);
         let gains = self.estimate(some, |rays, visibility| PredictedGain::of(rays, &visibility, &self.division));
         self.gain = gains.into_iter().fold(PredictedGain::default(), PredictedGain::with).times(one_in);
     }
 
-    /// Computes the weights, if they pay, and the gain over all cells.
+    /// Computes the weights, if they pay off, and the gain over all cells.
     pub fn finish(&mut self) {
         self.weights.truncate(1);
         if self.pays() {
@@ -220,7 +223,7 @@ impl VisibilityCache {
         estimate::estimate(&self.counts, precomputed, chosen, of)
     }
 
-    /// The number of the weights at a key: those of the finest cell.
+    /// Returns the number of the weights at a key: those of the finest cell.
     fn number(&self, key: CellKey) -> u32 {
         let own = self.counts.find(key);
         match self.precomputed.as_ref().and_then(|cells| cells.find(key)) {
@@ -234,20 +237,21 @@ impl VisibilityCache {
         self.always || self.total_gain().pays()
     }
 
-    /// Whether `factor` times as many rays in all could make weights pay, judged by the gain and its growth since the last call; with
-    /// precomputed visibility, whether enough rays start outside of its cells.
+    /// Whether `factor` times as many training rays could make weights worthwhile, judged by the gain and its
+    /// growth since the last call; with precomputed visibility, also whether enough rays start outside its
+    /// cells.
     pub fn could_pay(&mut self, factor: f64) -> bool {
         let before = self.previous_gain.replace(self.gain);
         let is_new = self.precomputed.is_none() || self.gain.rays() >= LEAST_NEW * self.observed.load(Relaxed) as f64;
         is_new && (self.always || self.gain.could_pay(factor, before.as_ref()))
     }
 
-    /// The predicted gain over precomputed and learned cells.
+    /// Returns the predicted gain over precomputed and learned cells.
     fn total_gain(&self) -> PredictedGain {
         self.precomputed.as_ref().map_or(self.gain, |cells| cells.gain().with(self.gain))
     }
 
-    /// Size and predicted gain.
+    /// Returns size and predicted gain.
     pub fn size(&self) -> CacheSize {
         let (cells, bytes) = self.precomputed.as_ref().map_or((0, 0), |cells| (cells.count(), cells.bytes()));
         let (cells, bytes) = (cells + self.counts.cells(), bytes + self.counts.cells() * Self::CELL_BYTES);

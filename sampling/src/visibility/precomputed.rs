@@ -1,4 +1,4 @@
-//! Visibility of a scene that was learned before a rendering, as in files of `bake --visibility`.
+//! Precomputed visibility of a scene, as in files of `bake --visibility`.
 
 use std::path::Path;
 
@@ -22,7 +22,8 @@ use crate::{
 /// [`Self::read`] describes its file.
 #[derive(Debug)]
 pub struct SceneVisibility {
-    /// The hash of the scene's geometry: [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
+    /// Hash of the scene's geometry:
+    /// [`SceneContext::geometry_hash`](crate::spec::SceneContext::geometry_hash).
     pub scene_hash: String,
     /// The map's name, for messages.
     pub environment: String,
@@ -35,17 +36,18 @@ pub struct SceneVisibility {
 }
 
 impl SceneVisibility {
-    /// Number of cells of all sizes.
+    /// Returns the number of cells of all sizes.
     pub fn cells(&self) -> usize {
         self.counts.cells()
     }
 
-    /// Number of shadow rays.
+    /// Returns the number of shadow rays.
     pub fn rays(&self) -> u64 {
         (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
     }
 
-    /// Reads a file ([`Self::read`]) that must have been learned under this map in the scene with this geometry hash.
+    /// Reads a file ([`Self::read`]) and checks that it was learned under this map in the scene with this
+    /// geometry hash.
     ///
     /// # Errors
     /// The file cannot be read, or was learned in another scene or under another map.
@@ -59,7 +61,7 @@ impl SceneVisibility {
     }
 }
 
-/// A [`SceneVisibility`] with its weights, as renderings use it.
+/// A [`SceneVisibility`] with its weights, ready for rendering.
 #[derive(Debug)]
 pub struct PrecomputedVisibility {
     cells: Cells,
@@ -72,10 +74,10 @@ impl PrecomputedVisibility {
     /// Bytes of a cell: visibility, weights, and its entry in the index.
     const CELL_BYTES: usize = PATCHES * 4 + size_of::<(Visibility, Weights)>() + 24;
 
-    /// The visibility of the patches of a division.
+    /// Computes the visibility of the patches of a division.
     ///
     /// # Errors
-    /// It takes more than `bytes` bytes.
+    /// The result takes more than `bytes` bytes.
     pub fn new(visibility: &SceneVisibility, division: &Division, bytes: usize) -> Result<Self> {
         let cells = visibility.cells();
         let cell_bytes = Self::CELL_BYTES;
@@ -103,45 +105,45 @@ impl PrecomputedVisibility {
         })
     }
 
-    /// The division of space.
+    /// Returns the division of space.
     pub fn cells(&self) -> Cells {
         self.cells
     }
 
-    /// Its size in bytes.
+    /// Returns its size in bytes.
     pub fn bytes(&self) -> usize {
         self.estimates.len() * Self::CELL_BYTES
     }
 
-    /// The predicted gain of its weights.
+    /// Returns the predicted gain of its weights.
     pub(super) fn gain(&self) -> PredictedGain {
         self.gain
     }
 
-    /// Number of cells.
+    /// Returns the number of cells.
     pub fn count(&self) -> usize {
         self.estimates.len()
     }
 
-    /// The finest cell of a point with a normal: its number, its level above the smallest cells, and the visibility of each patch; `None` outside
-    /// of all cells.
+    /// Returns the finest cell of a point with a normal: its number, its level above the smallest cells, and
+    /// the visibility of each patch; `None` outside all cells.
     pub fn at(&self, p: Vec3A, n: Vec3A) -> Option<(u32, usize, &[f32])> {
         let (cell, level) = self.find(self.cells.key(p, n))?;
         Some((cell, level, self.estimates[cell as usize].0.patches()))
     }
 
-    /// The finest cell that contains a key, and its level above it.
+    /// Returns the finest cell that contains a key, and its level above the key.
     #[inline]
     pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
         self.index.find(key)
     }
 
-    /// The visibility of the cell with exactly this key.
+    /// Returns the visibility of the cell with exactly this key.
     pub(super) fn visibility(&self, key: CellKey) -> Option<&Visibility> {
         self.index.get(key).map(|cell| &self.estimates[cell as usize].0)
     }
 
-    /// The weights of a cell by its number.
+    /// Returns the weights of a cell by its number.
     #[inline(always)]
     pub(super) fn weights(&self, cell: u32) -> Option<&Weights> {
         self.estimates.get(cell as usize).map(|(_, weights)| weights)

@@ -14,12 +14,12 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// Weights of 1.
+    /// Returns weights of 1.
     pub fn unknown() -> Self {
         Self { clusters: [255; CLUSTERS], patches: [[255; LANES]; CLUSTERS] }
     }
 
-    /// Weights of patches; those of clusters are their means by energy.
+    /// Creates weights from those of patches; weights of clusters are their means by energy.
     pub fn new(weights: impl Fn(usize) -> f32, energies: &[f32]) -> Self {
         let mut out = Self::unknown();
         for (cluster, own) in out.patches.iter_mut().enumerate() {
@@ -35,16 +35,10 @@ impl Weights {
         out
     }
 
-    /// The weight of a patch.
+    /// Returns the weight of a patch.
     #[inline(always)]
     pub fn of_patch(&self, patch: usize) -> f32 {
         f32::from(self.patches[patch / LANES][patch % LANES]) / 255.0
-    }
-
-    /// The weight of a cluster.
-    #[inline(always)]
-    pub fn of_cluster(&self, cluster: usize) -> f32 {
-        f32::from(self.clusters[cluster])
     }
 }
 
@@ -52,15 +46,15 @@ fn quantized(weight: f32) -> u8 {
     (255.0 * weight + 0.5).clamp(1.0, 255.0) as u8
 }
 
-/// The weights of shading points. They are relative: samplers divide by their sum.
+/// The weights of shading points. They are relative: samplers normalize by their sum.
 pub trait Weighting: Send + Sync {
-    /// The numbers of the weights of points, as the bits of lanes.
+    /// Computes the indices of the weights of points, as the bits of lanes.
     fn indices(&self, _at: &Rows<'_>, _out: &mut [Lanes]) {}
 
-    /// The weights of a number; `None` for weights of 1.
+    /// Returns the weights with an index; `None` for every index if all weights are 1.
     fn at(&self, index: f32) -> Option<&Weights>;
 
-    /// Weights of the clusters at the points of a strip.
+    /// Computes the weights of the clusters at the points of a strip.
     #[inline(always)]
     fn of_clusters(&self, indices: &Lanes, out: &mut [Lanes; CLUSTERS]) {
         let first = indices[0].to_bits();
@@ -84,7 +78,7 @@ pub trait Weighting: Send + Sync {
         }
     }
 
-    /// Weights of the patches of a cluster at a point.
+    /// Returns the weights of the patches of a cluster at a point.
     #[inline(always)]
     fn of_parts(&self, index: f32, cluster: usize) -> Lanes {
         let mut out = [1.0; LANES];

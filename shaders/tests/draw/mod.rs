@@ -1,4 +1,4 @@
-//! Draws of the example in a shader on a device, for tests and benchmarks.
+//! Sampling by the example shader on a device, for tests and benchmarks.
 
 use std::borrow::Cow;
 
@@ -10,7 +10,7 @@ use headtail_sampling::{
 use headtail_shaders::Shader;
 use wgpu::util::DeviceExt;
 
-/// A point to draw at, and a direction whose pdf is asked for.
+/// A point to sample at, and a direction whose pdf is evaluated.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Query {
@@ -22,7 +22,7 @@ pub struct Query {
     pub wi: [f32; 4],
 }
 
-/// A direction, its pdf, the pdf of the direction given, and the mixture weight.
+/// A direction, its pdf, the pdf of the given direction, and the mixture weight.
 #[repr(C)]
 #[derive(Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct Answer {
@@ -33,7 +33,8 @@ pub struct Answer {
     padding: [f32; 2],
 }
 
-/// Points everywhere, with the widths of their lobes; among normals and directions are the poles, and directions along the seam of the map.
+/// Returns random points, and the widths of their lobes; normals and directions include the poles and
+/// directions along the seam of the map.
 pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     let mut random = Stream::new(11, Purpose::Test, u64::from(glossy));
     let special =
@@ -61,7 +62,7 @@ pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     (queries.collect(), alphas)
 }
 
-/// The fastest adapter; `None` where there is none.
+/// Returns the fastest adapter; `None` if there is none.
 pub fn adapter() -> Option<wgpu::Adapter> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let power_preference = wgpu::PowerPreference::HighPerformance;
@@ -80,12 +81,12 @@ pub struct Program {
 }
 
 impl Program {
-    /// Puts all that is needed on the [`adapter`]; `None` where there is none.
+    /// Uploads everything to the [`adapter`]; `None` if there is none.
     pub fn new(shader: &Shader, queries: &[Query]) -> Option<Self> {
         let adapter = adapter()?;
         let descriptor = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
-        // The example answers with all but the mixture weight.
+        // The example returns everything but the mixture weight.
         let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, share: f32 }");
         let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
         let source = wgpu::ShaderSource::Wgsl(Cow::Owned(source));
@@ -136,7 +137,7 @@ impl Program {
         self.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
     }
 
-    /// The answers of the last [`Program::run`].
+    /// Returns the answers of the last [`Program::run`].
     pub fn answers(&self) -> Vec<Answer> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let size = self.answers.size();

@@ -1,17 +1,17 @@
-//! How many times lower than the baseline's the MSE of each sampler is.
+//! Bars of each sampler's MSE ratio to the baseline.
 
 use headtail_render::statistics::RatioInterval;
 
 use super::{Axis, BudgetKind, Chart, Drawing, Layout, Measure, Summary, legend::wrap, tick, times};
 
-/// Times that differ by a larger part are not equal: a budget of time that was overrun, e.g. by whole passes.
+/// Times that differ by a larger fraction are not equal, e.g. if whole passes overrun a budget of time.
 const EQUAL_TIMES: f64 = 0.05;
 
-/// The two comparisons that the bars show: at equal samples, and at equal time.
+/// Returns the two comparisons that the bars show: at equal samples, and at equal time.
 ///
-/// Where times are not equal, the ratio of MSE x time stands in for that of MSE. With independent samples, whose MSE falls inversely with time, it is
-/// what the ratio at equal time would be; with Sobol points, whose MSE falls faster, it gives too little to the quicker sampler. So it does
-/// without a budget of time, at the largest budget of samples.
+/// If times are not equal, or without a budget of time (then at the largest budget of samples), MSE x time
+/// replaces MSE. Its ratio equals that at equal time for independent samples, whose MSE is inverse to time;
+/// for Sobol points, whose MSE falls faster, it underestimates the faster sampler.
 pub fn comparisons(summary: &Summary) -> Vec<(String, String, Measure)> {
     let mut comparisons = Vec::new();
     let samples = summary.largest(BudgetKind::Samples);
@@ -40,7 +40,7 @@ pub fn ratio_bars(summary: &Summary) -> Chart {
     Chart { name: "ratios".into(), drawings: Layout::BOTH.iter().map(|layout| draw(layout, summary)).collect() }
 }
 
-/// Height of a name.
+/// Height of a line of a name.
 const NAME: f64 = 17.0;
 /// Height of a bar.
 const BAR: f64 = 18.0;
@@ -61,7 +61,7 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
     });
     let reach: Vec<f64> = reach.chain([1.0]).collect();
     let axis = Axis::around(reach.into_iter(), 4.0, layout.width - 64.0);
-    // Names stand above their bars, so that none needs to be cut.
+    // Names are above their bars, so that none is cut.
     let names: Vec<(&String, Vec<String>)> =
         summary.samplers.iter().map(|name| (name, wrap(name, ((layout.width - 30.0) / 7.4) as usize))).collect();
     let rows: f64 = names.iter().map(|(_, lines)| NAME * lines.len() as f64 + BAR + 4.0).sum();
@@ -97,7 +97,7 @@ fn draw(layout: &Layout, summary: &Summary) -> Drawing {
     drawing
 }
 
-/// A bar with its interval and its number.
+/// A bar with its interval and its ratio.
 fn bar_of(drawing: &mut Drawing, axis: &Axis, y: f64, ratio: Option<RatioInterval>, width: f64) {
     let Some(ratio) = ratio else {
         drawing.text("label", "end", (width - 4.0, y + 13.0), "\u{2013}");
@@ -110,7 +110,7 @@ fn bar_of(drawing: &mut Drawing, axis: &Axis, y: f64, ratio: Option<RatioInterva
     drawing.text("label", "end", (width - 4.0, y + 13.0), &format!("{}\u{d7}", times(ratio.ratio)));
 }
 
-/// A bar between two places, in a row that begins at `y`.
+/// A bar between two x positions in a row that begins at `y`.
 pub(super) fn bar(drawing: &mut Drawing, [from, to]: [f64; 2], y: f64) {
     let (left, length) = (from.min(to), (from - to).abs());
     drawing.raw(format_args!(
@@ -119,7 +119,7 @@ pub(super) fn bar(drawing: &mut Drawing, [from, to]: [f64; 2], y: f64) {
     ));
 }
 
-/// An interval over it.
+/// Draws an interval over a bar.
 pub(super) fn whisker(drawing: &mut Drawing, [low, high]: [f64; 2], y: f64) {
     let (middle, top) = (y + 9.0, y + 5.0);
     drawing.path("whisker", format_args!("M{low:.1} {middle:.1}H{high:.1}M{low:.1} {top:.1}v8M{high:.1} {top:.1}v8"));
@@ -131,11 +131,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_has_no_ratio_has_no_bar() {
+    fn samplers_without_a_ratio_have_no_bar() {
         let rows = [("mis", 1.0), ("ris:4", f64::NAN), ("patches", 0.5)]
             .map(|(sampler, mse)| Measurement { mse, ..synthetic::row(sampler, "4spp", 0) });
         let svg = ratio_bars(&Summary::of(&rows).unwrap()).drawings[1].svg();
-        // At equal samples; at equal time by MSE x time, which the rows have.
+        // At equal samples, and by MSE x time at equal time.
         assert_eq!(svg.matches("class=\"bar\"").count(), 2 + 3);
         assert!(!svg.contains("NaN") && !svg.contains("inf") && svg.contains(">2.0\u{d7}<"), "{svg}");
     }

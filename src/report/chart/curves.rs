@@ -1,4 +1,4 @@
-//! Curves of one kind against each other: thin lines, of which one is told apart.
+//! Many thin curves with one highlighted.
 
 use super::{Axis, Chart, Drawing, Layout, is_drawable};
 use crate::report::number::escape;
@@ -6,13 +6,13 @@ use crate::report::number::escape;
 /// A curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Curve {
-    /// For the pointer.
+    /// Shown for the pointer.
     pub name: String,
-    /// Across and up, from left to right.
+    /// Coordinates from left to right.
     pub points: Vec<(f64, f64)>,
 }
 
-/// The curves, the one to be told apart first, both axes logarithmic. Has no drawings if there is nothing that could be drawn.
+/// Draws curves on logarithmic axes, the first one highlighted. Empty if nothing can be drawn.
 pub fn curves(name: &str, curves: &[Curve], titles: [&str; 2]) -> Chart {
     let drawable = |curve: &Curve| {
         let points = curve.points.iter().copied().filter(|(x, y)| is_drawable(*x) && is_drawable(*y));
@@ -31,7 +31,7 @@ fn draw(layout: &Layout, curves: &[Curve], titles: [&str; 2]) -> Drawing {
     let label = format!("{} against {}, both logarithmic, one line for each of {}", titles[1], titles[0], curves.len());
     let mut drawing = Drawing::new(layout.class, (layout.width, layout.height), label);
     layout.draw_frame(&mut drawing, &x, &y, titles);
-    // The first one above the others.
+    // The first curve is drawn last, on top.
     for (number, Curve { name, points }) in curves.iter().enumerate().rev() {
         let class = if number == 0 { "series s1 v0" } else { "series s2 v0 thin" };
         drawing.group(class, |drawing| {
@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_curve_is_drawn_last_and_what_has_no_logarithm_is_left_out() {
+    fn the_first_curve_is_drawn_last_and_nonpositive_points_are_excluded() {
         let curve = |name: &str, points: &[(f64, f64)]| Curve { name: name.into(), points: points.to_vec() };
         let all = [
             curve("best", &[(0.0, 3.0), (1.0, 2.0), (10.0, 1.0)]),

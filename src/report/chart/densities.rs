@@ -1,4 +1,4 @@
-//! Densities in false colour and other pictures side by side, labelled, with what their colours mean.
+//! Labelled pictures side by side, densities in false colour with their scale.
 
 use anyhow::Result;
 use headtail_render::image::encode_png_rgb8;
@@ -9,17 +9,18 @@ use crate::report::{
     picture::data_address,
 };
 
-/// A logarithmic scale of colours.
+/// A logarithmic colour scale.
 #[derive(Clone, Copy)]
 pub struct Scale {
     /// The brightest value.
     pub top: f64,
-    /// Powers of ten below it.
+    /// Decades below it.
     pub decades: f64,
 }
 
 impl Scale {
-    /// The scale that ends at the 99.8th percentile of values: a single lamp would leave nothing else to be seen.
+    /// The scale up to the 99.8th percentile of the values, so that a single lamp does not darken everything
+    /// else.
     pub fn of(values: &[f32], decades: f64) -> Self {
         let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite() && *value > 0.0).collect();
         sorted.sort_by(f32::total_cmp);
@@ -27,31 +28,31 @@ impl Scale {
         Self { top: f64::from(top), decades }
     }
 
-    /// The colours of values.
+    /// Converts values to colours.
     pub fn pixels(self, values: &[f32]) -> Vec<[u8; 3]> {
         let level = |value: &f32| 1.0 + (f64::from(*value).max(f64::MIN_POSITIVE) / self.top).log10() / self.decades;
         values.iter().map(|value| DENSITY.at(level(value))).collect()
     }
 
-    /// A PNG of `[height * width]` values.
+    /// Encodes `[height * width]` values as a PNG.
     pub fn png(self, values: &[f32], width: usize) -> Result<Vec<u8>> {
         Ok(encode_png_rgb8(width, values.len() / width, &self.pixels(values))?)
     }
 
-    /// The values at the ends and in the middle of the colours, from dark to bright.
+    /// Returns the labels at both ends and the middle of the scale, from dark to bright.
     pub fn ticks(self) -> [String; 3] {
         [self.decades, 0.5 * self.decades, 0.0].map(|down| text(self.top * 10_f64.powf(-down)))
     }
 }
 
-/// What a picture's sides are.
+/// The axes of a picture.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Sides {
     /// Azimuth and elevation.
     Sphere,
     /// The unit square.
     Square,
-    /// What a camera sees.
+    /// A camera's image plane.
     View,
 }
 
@@ -65,17 +66,17 @@ const GAP: f64 = 18.0;
 const LABEL: f64 = 26.0;
 /// Room below a picture for its numbers.
 const BELOW: f64 = 22.0;
-/// Room for what the colours mean.
+/// Height of a colour scale.
 const COLOURS: f64 = 44.0;
 
 /// A labelled picture.
 pub struct Panel {
     title: String,
     address: String,
-    /// Columns over rows.
+    /// Width divided by height.
     aspect: f64,
     sides: Sides,
-    /// What the colours mean, and the unit.
+    /// The colour scale and its unit.
     scale: Option<(Scale, &'static str)>,
 }
 
@@ -101,7 +102,7 @@ impl Panel {
     }
 }
 
-/// Panels of equal width, so many to a row, under lines of text.
+/// Lays out panels of equal width, `per_row` to a row, under lines of text.
 ///
 /// # Errors
 /// If a picture cannot be encoded.
@@ -168,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn panels_have_titles_sides_and_what_their_colours_mean() {
+    fn panels_have_titles_axes_and_colour_scales() {
         let values: Vec<f32> = (0..32).map(|k| k as f32).collect();
         let scale = Scale::of(&values, 2.0);
         let panels = [
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scale_ends_below_a_single_lamp() {
+    fn the_scale_excludes_a_single_lamp() {
         let mut values = vec![1.0; 10_000];
         values[0] = 1e9;
         assert_eq!(Scale::of(&values, 2.0).top, 1.0);

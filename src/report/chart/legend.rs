@@ -1,4 +1,4 @@
-//! The legend below a chart: markers with whole names, in columns where names are short.
+//! The legend below a chart: markers with full names, in columns if names are short.
 
 use super::{Drawing, Look};
 
@@ -6,29 +6,29 @@ use super::{Drawing, Look};
 pub struct Entry<'a> {
     /// Its marker.
     pub look: Look,
-    /// Its whole name.
+    /// Its full name.
     pub name: &'a str,
     /// Whether its name is bold and its marker ringed.
     pub on_front: bool,
 }
 
-/// Where the entries stand.
+/// The positions of the entries.
 pub struct Legend<'a> {
     entries: Vec<(&'a Entry<'a>, Vec<String>, f64, f64)>,
-    /// How much room it takes.
+    /// Its height.
     pub height: f64,
 }
 
 impl<'a> Legend<'a> {
     const LINE: f64 = 18.0;
-    /// About the width of a letter, on the wide side.
+    /// Upper estimate of the width of a letter.
     const LETTER: f64 = 7.4;
     const MARKER: f64 = 20.0;
-    /// More entries than this do not stand in one column, if columns of so many letters fit.
+    /// More entries than this are set in several columns if the names fit.
     const MANY: usize = 12;
     const LETTERS: f64 = 24.0;
 
-    /// Arranges entries under each other, in as many columns as fit a width. Long names take several lines where there are many.
+    /// Arranges entries in columns that fit a width. Long names take several lines if there are many.
     pub fn new(entries: &'a [Entry<'a>], (left, width): (f64, f64)) -> Self {
         let longest = entries.iter().map(|entry| entry.name.chars().count()).max().unwrap_or(0);
         let widest = longest as f64 * Self::LETTER + Self::MARKER + 14.0;
@@ -52,7 +52,7 @@ impl<'a> Legend<'a> {
         Self { entries: placed, height: height + 8.0 }
     }
 
-    /// Draws it below `top`.
+    /// Draws the legend below `top`.
     pub fn draw(&self, drawing: &mut Drawing, top: f64) {
         for (entry, lines, left, y) in &self.entries {
             let (x, y) = (left + 6.0, top + y + 0.5 * Self::LINE);
@@ -71,12 +71,12 @@ impl<'a> Legend<'a> {
     }
 }
 
-/// The ring around what is on the front.
+/// The ring around markers on the front.
 pub fn ring(drawing: &mut Drawing, x: f64, y: f64) {
     drawing.raw(format_args!("<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"8.5\"/>"));
 }
 
-/// Lines of at most so many letters, broken after a slash, a colon, a comma or a blank where there is one.
+/// Breaks a name into lines of at most `letters` letters, preferably after a slash, colon, comma or space.
 pub fn wrap(name: &str, letters: usize) -> Vec<String> {
     let mut rest: Vec<char> = name.chars().collect();
     let mut lines = Vec::new();
@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_whole_whatever_their_length() {
+    fn names_of_any_length_are_complete() {
         let long = "head+mis:out/a/very/long/path/to/the/sampler.safetensors";
         for letters in [8, 20, 100] {
             let lines = wrap(long, letters);
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn many_entries_stand_in_columns() {
+    fn many_entries_are_set_in_columns() {
         let names: Vec<String> = (0..30).map(|k| format!("a head of {k} bins, after 250 steps")).collect();
         let looks = Look::of_all(names.iter().map(String::as_str));
         let entries: Vec<Entry> =

@@ -1,22 +1,22 @@
-//! MSE against time: a line for each sampler over its budgets.
+//! MSE against time: one line per sampler over its budgets.
 
 use super::{Axis, Chart, Drawing, Entry, Extent, Group, Layout, Legend, Look, Summary, is_drawable, point, text};
 
-/// MSE against time, both logarithmic. Has no drawings if there is nothing that could be drawn.
+/// Draws MSE against time on logarithmic axes. Empty if nothing can be drawn.
 pub fn error_over_time(summary: &Summary) -> Chart {
     let lines = lines(summary);
     let layouts = Layout::BOTH.iter().filter(|_| !lines.is_empty());
     Chart { name: "error-time".into(), drawings: layouts.map(|layout| draw(layout, &lines)).collect() }
 }
 
-/// A sampler's points from little to much time.
+/// A sampler's points in ascending order of time.
 struct Line<'a> {
     sampler: &'a str,
     look: Look,
     points: Vec<&'a Group>,
 }
 
-/// The lines that can be drawn on logarithmic axes, i.e. without what is zero, infinite or not a number.
+/// Returns the lines without points that are zero, infinite or NaN.
 fn lines(summary: &Summary) -> Vec<Line<'_>> {
     summary
         .samplers
@@ -65,7 +65,7 @@ fn draw(layout: &Layout, lines: &[Line]) -> Drawing {
     drawing
 }
 
-/// Lines of slope -1, along which MSE x time stays the same, as it does for Monte Carlo; one for each power of ten.
+/// Lines of slope -1, one per decade, along which MSE x time is constant as for Monte Carlo.
 fn guides(drawing: &mut Drawing, x: &Axis, y: &Axis, lines: &[Line]) {
     let at = |seconds: f64, product: f64| (x.at(10_f64.powf(seconds)), y.at(10_f64.powf(product - seconds)));
     // The part of a line inside the frame, in decades of time.
@@ -80,7 +80,7 @@ fn guides(drawing: &mut Drawing, x: &Axis, y: &Axis, lines: &[Line]) {
         let ((x1, y1), (x2, y2)) = ends(product);
         drawing.path("guide", format_args!("M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}"));
     }
-    // The label goes to a line beside the data that is long enough for it: above them if there is one, else below.
+    // The label is placed on a line beside the data that is long enough for it, preferably above.
     let long = |product: &f64| inside(*product).1 - inside(*product).0 > 0.3 * (x.high - x.low);
     let data = || lines.iter().flat_map(|line| &line.points).map(|group| (group.mse.mean * group.seconds.mean).log10());
     let (least, largest) = (data().fold(f64::INFINITY, f64::min), data().fold(f64::NEG_INFINITY, f64::max));
@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn points_that_have_no_logarithm_are_left_out() {
+    fn nonpositive_points_are_excluded() {
         let rows = [("mis", 0.0), ("ris:4", f64::NAN), ("a", 1.0)]
             .map(|(sampler, mse)| Measurement { mse, ..synthetic::row(sampler, "4spp", 0) });
         let chart = error_over_time(&Summary::of(&rows).unwrap());

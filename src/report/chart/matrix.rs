@@ -1,34 +1,34 @@
-//! A table of ratios as colours: blue below 1, red above.
+//! A table of ratios in colours: blue below 1, red above.
 
 use super::{Chart, Drawing, legend::wrap, times};
 
-/// Ratios of which less is better, by row and column.
+/// Ratios by row and column; lower is better.
 pub struct Matrix {
-    /// What its files are called.
+    /// Stem of its file name.
     pub name: &'static str,
-    /// What a screen reader says.
+    /// Label for screen readers.
     pub label: String,
     /// Names of the columns.
     pub columns: Vec<String>,
-    /// Names of the rows with a cell for each column.
+    /// Names of the rows with one cell per column.
     pub rows: Vec<(String, Vec<Cell>)>,
 }
 
 /// A cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Cell {
-    /// Was not measured.
+    /// Not measured.
     Empty,
-    /// Came to no figure.
+    /// No result.
     Failed,
     /// The ratio.
     Ratio(f64),
 }
 
-/// Where colours are fullest, in powers of ten.
+/// Decades from white to full colour.
 const REACH: f64 = 1.5;
 
-/// The fill of a ratio: white at 1, from blue at its inverse's end to red.
+/// Returns the fill of a ratio: white at 1, blue below, red above.
 fn fill(ratio: f64) -> String {
     let t = (ratio.log10() / REACH).clamp(-1.0, 1.0);
     let end: [f64; 3] = if t < 0.0 { [67.0, 147.0, 195.0] } else { [214.0, 96.0, 77.0] };
@@ -36,7 +36,7 @@ fn fill(ratio: f64) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// The map, in a form for windows that are wide enough for it; narrow ones scroll.
+/// Draws the matrix for wide windows; narrow ones scroll.
 pub fn matrix(matrix: &Matrix) -> Chart {
     const LEFT: f64 = 216.0;
     const CELL: f64 = 68.0;
@@ -68,7 +68,7 @@ pub fn matrix(matrix: &Matrix) -> Chart {
             };
             let ink = if *cell == Cell::Failed { "#ffffff" } else { "#15171a" };
             let (width, height) = (CELL - 2.0, height - 2.0);
-            // Fills are the same in every theme, so that the text on them is.
+            // Fills are the same in both themes, hence also the text on them.
             drawing.raw(format_args!(
                 "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{width:.1}\" height=\"{height:.1}\" fill=\"{fill}\"/>\
                  <text class=\"cell-text\" x=\"{:.1}\" y=\"{middle:.1}\" text-anchor=\"middle\" style=\"fill:{ink}\">{words}</text>",
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn every_cell_has_its_number() {
+    fn every_cell_shows_its_number() {
         let svg = matrix(&Matrix {
             name: "map",
             label: "a & b".into(),

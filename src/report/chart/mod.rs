@@ -1,13 +1,13 @@
-//! The charts of all pages, as vector drawings.
+//! The charts of all pages as vector drawings.
 //!
-//! They are drawn here, not by a plotting library: on a page, colours and text follow its light or dark theme, and charts come in
-//! two layouts, since shrinking a wide one to a telephone's width would leave its text unreadable.
+//! They are drawn here, without a plotting library, because colours and text follow the page's theme and
+//! charts have two layouts: the text of a wide chart would be unreadable on a telephone.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `bars.rs`, `lines.rs`, `pareto.rs` | ratios; MSE against time; speed against accuracy |
-//! | `matrix.rs`, `curves.rs` | a table of ratios as colours; curves of one kind |
-//! | `settings.rs`, `spots.rs` | what settings do; many points |
+//! | `matrix.rs`, `curves.rs` | a table of ratios as colours; many curves |
+//! | `settings.rs`, `spots.rs` | effects of settings; many points |
 //! | `densities.rs` | pictures in false colour |
 //! | `legend.rs` | the legend of a chart |
 
@@ -38,22 +38,22 @@ use super::number::{escape, text, times};
 use super::summary::{BudgetKind, Group, Measure, Summary};
 use super::vector::{Chart, Drawing};
 
-/// A value with the ends of its 95 % interval, where they are known.
+/// A value with its 95 % interval, if known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
     /// The value.
     pub value: f64,
-    /// Below and above it.
+    /// The lower and upper ends.
     pub ends: Option<(f64, f64)>,
 }
 
 impl Extent {
-    /// A value of which no interval is known.
+    /// A value without an interval.
     pub fn exact(value: f64) -> Self {
         Self { value, ends: None }
     }
 
-    /// Whether this interval ends before another begins.
+    /// Returns whether this interval is entirely below another.
     fn is_below(&self, other: &Self) -> bool {
         self.ends.map_or(self.value, |ends| ends.1) < other.ends.map_or(other.value, |ends| ends.0)
     }
@@ -72,7 +72,7 @@ impl From<&RatioInterval> for Extent {
     }
 }
 
-/// A logarithmic axis: decades onto pixels.
+/// A logarithmic axis that maps decades to pixels.
 struct Axis {
     low: f64,
     high: f64,
@@ -81,7 +81,7 @@ struct Axis {
 }
 
 impl Axis {
-    /// The axis of positive values with a margin, at least a third of a decade long.
+    /// An axis for positive values with a margin, at least 1/3 of a decade long.
     fn around(values: impl Iterator<Item = f64> + Clone, start: f64, end: f64) -> Self {
         let low = values.clone().fold(f64::INFINITY, f64::min).log10();
         let high = values.fold(f64::NEG_INFINITY, f64::max).log10();
@@ -89,8 +89,8 @@ impl Axis {
         Self { low: low - margin, high: high + margin, start, end }
     }
 
-    /// The axis of values and of the ends of their intervals. An interval that reaches zero or far beyond all values is cut at
-    /// the frame instead of stretching it.
+    /// An axis for values and their intervals. Intervals that reach zero or far beyond all values are clipped
+    /// at the frame.
     fn of_intervals(values: impl Iterator<Item = Extent>, start: f64, end: f64) -> Self {
         let values: Vec<Extent> = values.collect();
         let known = || values.iter().map(|extent| extent.value);
@@ -105,7 +105,7 @@ impl Axis {
         self.start + t.clamp(0.0, 1.0) * (self.end - self.start)
     }
 
-    /// Values of the grid lines, and whether they are labelled.
+    /// Returns the values of grid lines and whether they are labelled.
     fn ticks(&self) -> Vec<(f64, bool)> {
         let span = self.high - self.low;
         let labelled: &[u32] = match span {
@@ -126,7 +126,8 @@ impl Axis {
         ticks
     }
 
-    /// [`Self::ticks`] without labels that touch others; `room` is what a label takes along the axis. Powers of ten keep theirs first.
+    /// Returns [`Self::ticks`] without overlapping labels, powers of ten first; `room` is the length of a
+    /// label along the axis.
     fn spaced_ticks(&self, room: impl Fn(f64) -> f64) -> Vec<(f64, bool)> {
         let mut ticks = self.ticks();
         let mut order: Vec<usize> = (0..ticks.len()).filter(|&k| ticks[k].1).collect();
@@ -148,12 +149,12 @@ impl Axis {
     }
 }
 
-/// Where the parts of a chart are.
+/// Dimensions of a chart.
 #[derive(Clone, Copy)]
 struct Layout {
     class: &'static str,
     width: f64,
-    /// Without the legend, which stands below.
+    /// Without the legend below.
     height: f64,
     left: f64,
     right: f64,
@@ -162,18 +163,18 @@ struct Layout {
 impl Layout {
     const TOP: f64 = 30.0;
     const BOTTOM: f64 = 46.0;
-    /// A telephone's and a window's.
+    /// Layouts for telephones and for wide windows.
     const BOTH: [Self; 2] = [
         Self { class: "narrow", width: 380.0, height: 380.0, left: 50.0, right: 12.0 },
         Self { class: "wide", width: 560.0, height: 400.0, left: 62.0, right: 16.0 },
     ];
 
-    /// The ends of the axes, from left to right and from bottom to top.
+    /// Returns the ends of the axes, from left to right and from bottom to top.
     fn ends(&self) -> [(f64, f64); 2] {
         [(self.left, self.width - self.right), (self.height - Self::BOTTOM, Self::TOP)]
     }
 
-    /// Grid, frame and the axes' titles.
+    /// Draws the grid, frame and axis titles.
     fn draw_frame(&self, drawing: &mut Drawing, x: &Axis, y: &Axis, [time, error]: [&str; 2]) {
         for (value, labelled) in y.spaced_ticks(|_| LINE) {
             let (at, class) = (y.at(value), if labelled { "grid" } else { "grid minor" });
@@ -195,10 +196,10 @@ impl Layout {
     }
 }
 
-/// A marker with the 95 % intervals of both values, and its name and values for the pointer.
+/// Draws a marker with the 95 % intervals of both values and a tooltip.
 fn point(drawing: &mut Drawing, [x, y]: [&Axis; 2], look: Look, [time, error]: [Extent; 2], words: &str) {
     let (px, py) = (x.at(time.value), y.at(error.value));
-    // A lower end at or below zero has no place on the axis: the bar runs to the frame.
+    // A lower end at or below zero is drawn to the frame.
     let at = |axis: &Axis, end: f64| if end > 0.0 { axis.at(end) } else { axis.start };
     if let Some((low, high)) = error.ends {
         let (low, high, left) = (at(y, low), at(y, high), px - 3.0);
@@ -215,7 +216,7 @@ fn is_drawable(value: f64) -> bool {
     value.is_finite() && value > 0.0
 }
 
-/// A tick label: plain where it is short, else a power of ten in superscript.
+/// Draws a tick label: plain if short, else a power of ten in superscript.
 fn tick(drawing: &mut Drawing, anchor: &str, (x, y): (f64, f64), value: f64) {
     let label = power_label(value);
     drawing.raw(format_args!("<text class=\"tick\" x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{label}</text>"));
@@ -224,7 +225,7 @@ fn tick(drawing: &mut Drawing, anchor: &str, (x, y): (f64, f64), value: f64) {
 /// Height of a line of labels in pixels.
 const LINE: f64 = 15.0;
 
-/// About the pixels that a label takes, with some room beside it.
+/// Estimates the width of a label in pixels, with some margin.
 fn label_width(value: f64) -> f64 {
     const CHARACTER: f64 = 7.0;
     let (mut count, mut is_inside) = (1, true);
@@ -238,7 +239,7 @@ fn label_width(value: f64) -> f64 {
     CHARACTER * f64::from(count)
 }
 
-/// The first digit of a value that has no other but zeros, and its power of ten.
+/// Returns the leading digit and the power of ten of a value with one significant digit.
 fn leading(value: f64) -> (i32, i32) {
     let exponent = (value.log10() + 1e-9).floor() as i32;
     ((value / 10_f64.powi(exponent)).round() as i32, exponent)

@@ -1,18 +1,18 @@
-//! Speed against accuracy: one point for each sampler, and the front of those that no other clearly beats.
+//! Speed against accuracy: one point per sampler, and the Pareto front within uncertainty.
 
 use super::{
     Axis, Chart, Drawing, Entry, Extent, Layout, Legend, Look, Summary, is_drawable, legend::ring, point, text,
 };
 use crate::report::summary::Group;
 
-/// What stands below every such chart about its front.
+/// The note on the front below every such chart.
 pub const FRONT: &str = "Ringed, with bold names, are the samplers that no other clearly beats: none has a time or an error whose interval lies \
                          below theirs without being as clearly behind in the other. The broad line joins those that none beats in the means.";
 
-/// A sampler's place; less is better on both axes.
+/// A sampler's time and error; lower is better for both.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Place {
-    /// Its whole name.
+    /// Its full name.
     pub name: String,
     /// Its colour and marker.
     pub look: Look,
@@ -23,7 +23,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The place of a group: seconds and MSE.
+    /// Seconds and MSE of a group.
     pub fn of(summary: &Summary, group: &Group) -> Self {
         let look = summary.look(&group.sampler);
         Self { name: group.sampler.clone(), look, time: (&group.seconds).into(), error: (&group.mse).into() }
@@ -33,7 +33,7 @@ impl Place {
         is_drawable(self.time.value) && is_drawable(self.error.value)
     }
 
-    /// Whether another is clearly better in one and not clearly worse in the other.
+    /// Returns whether another is clearly better in one measure and not clearly worse in the other.
     fn is_beaten_by(&self, other: &Self) -> bool {
         let [better_time, better_error] = [other.time.is_below(&self.time), other.error.is_below(&self.error)];
         let [worse_time, worse_error] = [self.time.is_below(&other.time), self.error.is_below(&other.error)];
@@ -41,13 +41,14 @@ impl Place {
     }
 }
 
-/// Whether each place is on the front: no other one beats it by more than the intervals. What cannot be drawn is not.
+/// Returns whether each place is on the front: no other beats it by more than the intervals. Places that
+/// cannot be drawn are not.
 pub fn on_front(places: &[Place]) -> Vec<bool> {
     let rivals = || places.iter().filter(|place| place.is_drawable());
     places.iter().map(|place| place.is_drawable() && !rivals().any(|other| place.is_beaten_by(other))).collect()
 }
 
-/// The scatter, both axes logarithmic. Has no drawings if there is nothing that could be drawn.
+/// Draws the scatter plot on logarithmic axes. Empty if nothing can be drawn.
 pub fn scatter(name: &str, places: &[Place], titles: [&str; 2]) -> Chart {
     let places: Vec<Place> = places.iter().filter(|place| place.is_drawable()).cloned().collect();
     let layouts = Layout::BOTH.iter().filter(|_| !places.is_empty());
@@ -82,7 +83,7 @@ fn draw(layout: &Layout, places: &[Place], [time, error]: [&str; 2]) -> Drawing 
     drawing
 }
 
-/// The line along the front, in steps: between two points, only the faster one's accuracy is to be had.
+/// Draws the front as steps: between two points, only the accuracy of the faster one is reachable.
 pub(super) fn steps(drawing: &mut Drawing, [x, y]: [&Axis; 2], places: &[Place]) {
     let mut path = String::new();
     for place in best_means(places) {
@@ -93,7 +94,7 @@ pub(super) fn steps(drawing: &mut Drawing, [x, y]: [&Axis; 2], places: &[Place])
     drawing.path("front", format_args!("{path}H{:.1}", x.end));
 }
 
-/// The places that no other one beats in the means of both time and error, from the fastest to the most accurate.
+/// Returns the places that no other beats in both means, from the fastest to the most accurate.
 fn best_means(places: &[Place]) -> Vec<&Place> {
     let mut sorted: Vec<&Place> = places.iter().collect();
     let by = |a: &Place, b: &Place| a.time.value.total_cmp(&b.time.value).then(a.error.value.total_cmp(&b.error.value));
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_has_what_nothing_beats_in_both() {
+    fn the_front_has_the_points_that_none_dominates() {
         let places = [
             place("slow", 4.0, 0.5),
             place("mis", 1.0, 2.0),
@@ -134,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_takes_nothing_off_the_front_and_puts_nothing_on_it() {
+    fn the_front_accounts_for_noise() {
         let spread = |place: Place, part: f64| {
             let around = |extent: Extent| Extent {
                 ends: Some((extent.value * (1.0 - part), extent.value * (1.0 + part))),
@@ -142,11 +143,11 @@ mod tests {
             };
             Place { time: around(place.time), error: around(place.error), ..place }
         };
-        // A little slower and a little less accurate, both within the intervals: not clearly beaten.
+        // Slightly slower and less accurate, both within the intervals: not clearly beaten.
         let close = [place("a", 1.0, 1.0), place("b", 1.02, 1.02)];
         assert_eq!(names(&close), ["a"]);
         assert_eq!(names(&close.map(|place| spread(place, 0.05))), ["a", "b"]);
-        // A little faster, within the interval, and ten times less accurate.
+        // Slightly faster, within the interval, with a 10x higher error.
         let far = [place("a", 1.0, 10.0), place("b", 1.02, 1.0)];
         assert_eq!(names(&far), ["a", "b"]);
         assert_eq!(names(&far.map(|place| spread(place, 0.05))), ["b"]);

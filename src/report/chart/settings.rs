@@ -1,4 +1,4 @@
-//! Bars for the values of settings: what each does, and which settings matter.
+//! Bars for the values of settings: their effects, and the importance of settings.
 
 use super::{
     Axis, Chart, Drawing, Extent, Layout,
@@ -8,12 +8,12 @@ use super::{
 };
 use crate::report::number::text;
 
-/// A value's bar.
+/// The bar of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bar {
     /// The value in words.
     pub name: String,
-    /// What it does.
+    /// Its effect.
     pub extent: Extent,
 }
 
@@ -22,10 +22,10 @@ const ROW: f64 = 24.0;
 const LINE: f64 = 15.0;
 const TITLE: f64 = 32.0;
 const BOTTOM: f64 = 30.0;
-/// Room for the number at the right.
+/// Width for the number at the right.
 const NUMBER: f64 = 60.0;
 
-/// Bars from 1 on a logarithmic axis, in groups with a title: to the left is less. No drawings without bars.
+/// Draws bars from 1 on a logarithmic axis in titled groups; lower is to the left. Empty without bars.
 pub fn effects(name: &str, groups: &[(String, Vec<Bar>)], label: &str) -> Chart {
     let layouts = Layout::BOTH.iter().filter(|_| groups.iter().any(|(_, bars)| !bars.is_empty()));
     Chart { name: name.into(), drawings: layouts.map(|layout| draw_effects(layout, groups, label)).collect() }
@@ -34,7 +34,7 @@ pub fn effects(name: &str, groups: &[(String, Vec<Bar>)], label: &str) -> Chart 
 fn draw_effects(layout: &Layout, groups: &[(String, Vec<Bar>)], label: &str) -> Drawing {
     let reach = groups.iter().flat_map(|(_, bars)| bars).flat_map(|bar| {
         let (low, high) = bar.extent.ends.unwrap_or((bar.extent.value, bar.extent.value));
-        // An interval that is far wider than all effects is cut.
+        // Intervals far wider than all effects are clipped.
         [low.max(bar.extent.value / 2.0), high.min(bar.extent.value * 2.0)]
     });
     let reach: Vec<f64> = reach.filter(|value| *value > 0.0).chain([0.9, 1.1]).collect();
@@ -71,7 +71,7 @@ fn draw_effects(layout: &Layout, groups: &[(String, Vec<Bar>)], label: &str) -> 
     drawing
 }
 
-/// Bars of shares from 0. No drawings without bars.
+/// Draws bars of fractions from 0. Empty without bars.
 pub fn shares(name: &str, bars: &[Bar], label: &str) -> Chart {
     let layouts = Layout::BOTH.iter().filter(|_| !bars.is_empty());
     Chart { name: name.into(), drawings: layouts.map(|layout| draw_shares(layout, bars, label)).collect() }
@@ -96,7 +96,7 @@ fn draw_shares(layout: &Layout, bars: &[Bar], label: &str) -> Drawing {
     drawing
 }
 
-/// Names at the left of bars, in as many lines as they need.
+/// Names to the left of bars, wrapped.
 struct Names {
     width: f64,
     letters: usize,
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn every_value_has_its_bar_and_its_whole_name() {
+    fn every_value_has_a_bar_and_its_full_name() {
         let long = "a/very/long/name/of/a/map/that/needs/more/than/one/line.hdr";
         let groups = [
             ("bins".to_owned(), vec![bar_of("4", 0.8, Some((0.7, 0.9))), bar_of("8", 1.2, None)]),

@@ -1,4 +1,4 @@
-//! Many points, whose names a script knows: one number against another, and the front of those that none beats in both.
+//! Many points of two measures with their Pareto front; a script shows their names.
 
 use super::{
     Axis, Chart, Drawing, Extent, Layout, is_drawable,
@@ -9,15 +9,15 @@ use crate::report::kind::Look;
 /// A point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spot {
-    /// What a script knows it by.
+    /// The index that the script uses.
     pub index: usize,
-    /// Across and up; less is better in both.
+    /// Horizontal and vertical values; lower is better for both.
     pub at: [f64; 2],
     /// Whether it is filled.
     pub is_marked: bool,
 }
 
-/// The points, both axes logarithmic. Has no drawings if there is nothing that could be drawn.
+/// Draws the points on logarithmic axes. Empty if nothing can be drawn.
 pub fn spots(name: &str, spots: &[Spot], titles: [&str; 2]) -> Chart {
     let spots: Vec<&Spot> = spots.iter().filter(|spot| spot.at.iter().all(|&value| is_drawable(value))).collect();
     let layouts = Layout::BOTH.iter().filter(|_| !spots.is_empty());

@@ -1,4 +1,4 @@
-//! How a comparison was measured, in words.
+//! The section on how a comparison was measured.
 
 use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, TRIMMED_FRACTION};
 use maud::{Markup, html};
@@ -9,7 +9,7 @@ use super::super::picture;
 use super::super::summary::in_order;
 use super::Comparison;
 
-/// What the sampler of that name is; under shadows the density of least variance is another one.
+/// Describes the sampler `oracle`. With shadows, another density has the least variance.
 const ORACLE: &str = "The exact product of light, BRDF and cosine, without visibility, tabulated at every shading point. Where \
                       shadows matter, other samplers can have less error.";
 

@@ -1,4 +1,4 @@
-//! `report.html`: one page that needs nothing but itself.
+//! `report.html`, a self-contained page.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -24,10 +24,10 @@ use super::table::Table;
 use super::vector::Chart;
 use super::{Comparison, State};
 
-/// The whole page. The gallery is brought up to date with the comparison.
+/// Returns the page and updates the gallery.
 ///
 /// # Errors
-/// If a picture is not of the size of the reference.
+/// If a picture differs in size from the reference.
 pub fn page(comparison: &Comparison, summary: &Summary, gallery: &mut Gallery) -> Result<String> {
     gallery.update(comparison, summary)?;
     let gallery = &*gallery;
@@ -53,7 +53,7 @@ pub fn page(comparison: &Comparison, summary: &Summary, gallery: &mut Gallery) -
     Ok(page.encode(&main))
 }
 
-/// The charts and tables that are files beside the page, too.
+/// Returns the charts and tables that are also written as files.
 pub fn figures(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> (Vec<Chart>, Vec<Table>) {
     let charts = vec![chart::error_over_time(summary), chart::ratio_bars(summary), speed(summary)];
     (charts, vec![numbers::table(summary, gallery), numbers::preparation(comparison, summary)])
@@ -74,7 +74,7 @@ fn facts(comparison: &Comparison, summary: &Summary) -> Vec<String> {
     ]
 }
 
-/// That runs are missing, if so.
+/// A note if runs are missing.
 fn incomplete(comparison: &Comparison) -> Markup {
     let done = comparison.rows.len();
     let why = match comparison.state {
@@ -107,7 +107,7 @@ fn reading(comparison: &Comparison, summary: &Summary) -> Markup {
     }
 }
 
-/// "4.7x lower MSE than mis", in plain text; `None` for the baseline itself and for what has no ratio.
+/// Returns "4.7x lower MSE than mis" in plain text; `None` for the baseline and without a ratio.
 fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
     let ratio = summary.ratio(group, Measure::Mse)?;
     if group.sampler == summary.baseline {

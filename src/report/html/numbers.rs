@@ -1,4 +1,4 @@
-//! The tables of the page: all numbers, and what had to be done beforehand.
+//! The tables of the page: all numbers, and preparation.
 
 use headtail_render::statistics::{MeanInterval, TRIMMED_FRACTION};
 use maud::{Markup, html};
@@ -15,7 +15,7 @@ struct Figure {
     title: &'static str,
     unit: &'static str,
     cell: fn(&Summary, &Gallery, &Group) -> Cell,
-    /// Whether the smallest value of a budget is marked.
+    /// Whether the lowest value of a budget is highlighted.
     marked: bool,
 }
 
@@ -41,14 +41,14 @@ const FIGURES: [Figure; 14] = [
     figure("HDR-FLIP", "first run", true, |_, gallery, group| flip(gallery, group, 1)),
     figure("TTUV", "MSE \u{d7} s", true, |_, _, group| interval(&group.ttuv)),
     figure("Fireflies", "% of relMSE", false, |_, _, group| Value::Amount(firefly_share(group)).into()),
-    // Luminances of samplers agree in their first digits, so that one more is needed.
+    // Luminances of samplers agree in their first digits, so one more is printed.
     figure("Luminance", "mean", false, |_, _, group| {
         Cell::from(Value::Number(group.mean_luminance.mean, 4)).beside(percent(&group.mean_luminance))
     }),
     figure("Weight", "largest", false, |_, _, group| Cell::number(group.mean.max_weight)),
 ];
 
-/// One of both values of FLIP.
+/// FLIP (`which` 0) or HDR-FLIP (1).
 fn flip(gallery: &Gallery, group: &Group, which: usize) -> Cell {
     gallery.flips(&group.sampler, &group.budget).map_or(Value::Missing.into(), |flips| Cell::number(flips[which]))
 }
@@ -57,7 +57,7 @@ fn interval(interval: &MeanInterval) -> Cell {
     Cell::number(interval.mean).beside(percent(interval))
 }
 
-/// How much of the relative squared error the worst pixels have, in per cent.
+/// Returns the percentage of relative squared error in the worst pixels.
 fn firefly_share(group: &Group) -> f64 {
     if group.mean.relmse_trimmed == group.mean.relmse {
         return 0.0;
@@ -73,7 +73,7 @@ fn ratio(summary: &Summary, group: &Group) -> Cell {
     }
 }
 
-/// All numbers, a group of rows for each budget.
+/// All numbers, one group of rows per budget.
 pub fn table(summary: &Summary, gallery: &Gallery) -> Table {
     let mut columns = vec![Column::text("Sampler"), Column::text("Budget")];
     columns.extend(FIGURES.iter().map(|figure| Column::number(figure.title, figure.unit)));
@@ -99,7 +99,7 @@ fn row(summary: &Summary, gallery: &Gallery, group: &Group, rivals: &[&Group], o
     cells
 }
 
-/// What samplers need once, before they render.
+/// Work that samplers need once before rendering.
 pub fn preparation(comparison: &Comparison, summary: &Summary) -> Table {
     let row = |preparation: &super::super::Preparation| {
         let known = summary.samplers.contains(&preparation.sampler);

@@ -1,4 +1,4 @@
-//! The pictures of the page: two under a divider, and all of them with insets and maps of their errors.
+//! The pictures of the page: two with a divider, and all of them with insets and error maps.
 
 use maud::{Markup, PreEscaped, html};
 
@@ -11,14 +11,14 @@ use super::{Comparison, ratio_words};
 
 const REFERENCE: &str = "image-reference";
 
-/// The id of the `<img>` of a rendering; names are arbitrary, so positions are used.
+/// The id of a rendering's `<img>`. Names are arbitrary, so indices are used.
 fn image_id(summary: &Summary, sampler: &str, budget: &str) -> String {
     let sampler = summary.samplers.iter().position(|name| name == sampler).unwrap_or(0);
     let budget = summary.budgets.iter().position(|known| known.name == budget).unwrap_or(0);
     format!("image-{budget}-{sampler}")
 }
 
-/// The baseline and the best of the others under a divider.
+/// The baseline and the best other sampler with a divider.
 pub fn stage(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Markup {
     let Some(panel) = gallery.shown_first(summary) else { return PreEscaped(String::new()) };
     let first = &panel.budget.name;
@@ -44,7 +44,7 @@ pub fn stage(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> M
 pub fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) -> Markup {
     let Some(first) = gallery.shown_first(summary) else { return PreEscaped(String::new()) };
     let size = (comparison.width, comparison.height);
-    // With the reference.
+    // Including the reference.
     let most = 1 + gallery.panels.iter().map(|panel| panel.pictures.len()).max().unwrap_or(0);
     html! {
         section {
@@ -94,7 +94,7 @@ pub fn multiples(comparison: &Comparison, summary: &Summary, gallery: &Gallery) 
     }
 }
 
-/// A picture that insets are chosen on, with its linear values for the page's script.
+/// A picture for choosing insets, with its linear values for the page's script.
 fn picture(id: &str, alt: &str, (width, height): (usize, usize), (address, radiance): (&str, Option<&str>)) -> Markup {
     html! {
         div.picture tabindex="0" role="group" aria-describedby="inset-help" aria-label=(alt) {
@@ -104,7 +104,7 @@ fn picture(id: &str, alt: &str, (width, height): (usize, usize), (address, radia
     }
 }
 
-/// A sampler's rendering, the maps of its errors, and its MSE.
+/// A sampler's rendering, its error maps and its MSE.
 fn card(size: (usize, usize), summary: &Summary, shown: &Picture, group: &Group) -> Markup {
     let name = &group.sampler;
     let ratio = match ratio_words(summary, group) {
@@ -131,7 +131,7 @@ fn card(size: (usize, usize), summary: &Summary, shown: &Picture, group: &Group)
     }
 }
 
-/// What the colours of the maps of a budget mean, in place of the reference's own.
+/// The colour scales of a budget's maps, shown in place of the reference.
 fn colour_bars(index: usize, panel: &Panel, (width, height): (usize, usize)) -> Markup {
     let (from, to) = (panel.scale.bottom(), panel.scale.top);
     let budget = &panel.budget.name;

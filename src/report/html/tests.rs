@@ -6,14 +6,14 @@ fn page_of(comparison: &Comparison) -> String {
     page(comparison, &Summary::of(&comparison.rows).unwrap(), &mut Gallery::default()).unwrap()
 }
 
-/// The values of an attribute, wherever it occurs.
+/// All values of an attribute.
 fn values<'a>(page: &'a str, attribute: &str) -> Vec<&'a str> {
     let starts = page.match_indices(attribute).map(|(at, _)| at + attribute.len());
     starts.map(|start| &page[start..start + page[start..].find('"').unwrap()]).collect()
 }
 
 #[test]
-fn the_page_asks_for_nothing_from_outside() {
+fn the_page_loads_no_external_resources() {
     let page = page_of(&synthetic::comparison());
     assert!(values(&page, " src=\"").iter().all(|address| address.starts_with("data:image/png;base64,")));
     assert!(values(&page, " href=\"").iter().all(|address| address.starts_with("data:") || address.starts_with('#')));
@@ -38,7 +38,7 @@ fn every_choice_of_the_slider_has_its_image_and_each_is_embedded_once() {
 }
 
 #[test]
-fn names_from_outside_cannot_become_markup() {
+fn names_are_escaped_as_text() {
     let evil = "<script>alert('x')</script>\"onload=";
     let mut comparison = synthetic::comparison();
     (comparison.scene, comparison.env) = (evil.into(), evil.into());
@@ -62,12 +62,12 @@ fn names_from_outside_cannot_become_markup() {
 fn the_lowest_error_of_each_budget_is_marked() {
     let comparison = synthetic::comparison();
     let page = page_of(&comparison);
-    // Four budgets; MSE, relMSE, trimmed relMSE, FLIP, HDR-FLIP and TTUV each have a lowest value.
+    // Four budgets with six measures: MSE, relMSE, trimmed relMSE, FLIP, HDR-FLIP and TTUV.
     assert_eq!(page.matches("class=\"number best\"").count(), 24);
 }
 
 #[test]
-fn poor_comparisons_make_a_page_too() {
+fn minimal_comparisons_produce_a_page() {
     let complete = synthetic::comparison();
     let poor = |rows: Vec<Measurement>| Comparison {
         rows,
@@ -85,7 +85,7 @@ fn poor_comparisons_make_a_page_too() {
 }
 
 #[test]
-fn missing_runs_are_told_with_the_number_of_each_row() {
+fn missing_runs_are_reported_with_the_count_of_each_row() {
     let mut comparison = synthetic::comparison();
     assert!(!page_of(&comparison).contains("class=\"incomplete\""));
     comparison.rows.truncate(82);

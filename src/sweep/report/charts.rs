@@ -1,4 +1,4 @@
-//! The sections of the page, with the charts and tables of all pages.
+//! Sections of the page, with the charts and tables common to all pages.
 
 use maud::{Markup, html};
 
@@ -13,13 +13,13 @@ use crate::{
     sweep::{effect::Effect, forest},
 };
 
-/// Configurations in the table beside those of the front: the best ones.
+/// Number of configurations in the table besides those of the front: the best ones.
 const LISTED: usize = 20;
 
-/// The name of what configurations took, which stands beside the objectives.
+/// Name of the work of configurations, which is shown beside the objectives.
 const WORK: &str = "seconds of work";
 
-/// Every objective against every other, and against the work that it took; the script shows one chart at a time.
+/// Charts every objective against every other, and against the work; the script shows one chart at a time.
 pub fn to_be_had(objectives: &[String], configurations: &[Configuration]) -> Markup {
     let figure = |configuration: &Configuration, index: usize| {
         configuration.figures.get(index).copied().unwrap_or(configuration.seconds)
@@ -64,7 +64,7 @@ pub fn to_be_had(objectives: &[String], configurations: &[Configuration]) -> Mar
     }
 }
 
-/// The front and the best configurations.
+/// Table of the front and the best configurations.
 fn table_of(objectives: &[String], configurations: &[Configuration]) -> Table {
     let mut order: Vec<&Configuration> = configurations.iter().collect();
     order.sort_by(|a, b| a.figures[0].total_cmp(&b.figures[0]));
@@ -82,7 +82,7 @@ fn table_of(objectives: &[String], configurations: &[Configuration]) -> Table {
     Table::new("configurations", columns.collect(), shown.map(row).collect())
 }
 
-/// What the script draws first: parallel coordinates.
+/// Placeholder for the script's parallel coordinates.
 pub fn interactive() -> Markup {
     html! {
         section {
@@ -97,7 +97,7 @@ pub fn interactive() -> Markup {
     }
 }
 
-/// What each value of a setting does.
+/// Charts the effect of each value of a setting.
 pub fn effects(objective: &str, effects: &[(String, Vec<Effect>)], has_seeds: bool) -> Markup {
     let bar = |effect: &Effect| Bar {
         name: effect.value.rsplit('/').next().unwrap_or_default().to_owned(),
@@ -133,7 +133,7 @@ pub fn effects(objective: &str, effects: &[(String, Vec<Effect>)], has_seeds: bo
     }
 }
 
-/// Which settings matter.
+/// Charts the importance of settings.
 pub fn importance(objective: &str, importance: &Importance) -> Markup {
     let bar = |(key, share): &(String, f64)| Bar { name: key.clone(), extent: Extent::exact(*share) };
     let bars: Vec<Bar> = importance.shares.iter().map(bar).collect();
@@ -155,7 +155,7 @@ pub fn importance(objective: &str, importance: &Importance) -> Markup {
     }
 }
 
-/// Validation against steps.
+/// Charts validation over steps.
 pub fn learning(objective: &str, curves: &[Curve]) -> Markup {
     html! {
         @if !curves.is_empty() {
@@ -172,7 +172,7 @@ pub fn learning(objective: &str, curves: &[Curve]) -> Markup {
     }
 }
 
-/// The table that the script makes, sorts and filters.
+/// Placeholder for the table that the script makes, sorts and filters.
 pub fn trials() -> Markup {
     html! {
         section {

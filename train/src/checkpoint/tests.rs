@@ -1,4 +1,4 @@
-//! Checkpoints come back as they were written, and nothing else does.
+//! Checkpoints round-trip, and damaged or foreign ones are rejected.
 
 use std::cell::RefCell;
 
@@ -24,7 +24,7 @@ fn state(step: usize) -> TrainingState {
         let optimizer = OptimizerState { moves: moves as u64, first_moments, second_moments };
         Parameters { weights: list(start), average: Vec::new(), optimizer }
     };
-    // Numbers whose decimals lose the last bit, and one that JSON does not have.
+    // Numbers whose decimals lose the last bit, and one that JSON cannot represent.
     let divergence = Divergence { kl: 0.1_f64.sqrt(), log_chi_square: f64::INFINITY, relative_variance: step as f64 };
     TrainingState {
         step,
@@ -55,7 +55,7 @@ fn names(folder: &CheckpointFolder) -> Vec<String> {
     names
 }
 
-/// What a run would go on from, and the warnings.
+/// Returns the state that a run would resume from, and the warnings.
 fn resume(folder: &CheckpointFolder, config: &FitConfig) -> (Result<Option<TrainingState>>, Vec<String>) {
     let warnings = RefCell::new(Vec::new());
     let found = folder.open(&as_json(config), &blank(), &mut |error| warnings.borrow_mut().push(error.to_string()));
@@ -63,7 +63,7 @@ fn resume(folder: &CheckpointFolder, config: &FitConfig) -> (Result<Option<Train
 }
 
 #[test]
-fn the_last_checkpoint_comes_back_to_the_bit_and_three_stay() {
+fn the_last_checkpoint_is_restored_bit_identically_and_three_are_kept() {
     let temporary = tempfile::tempdir().unwrap();
     let folder = folder(&temporary, true);
     let config = FitConfig::default();
@@ -75,13 +75,13 @@ fn the_last_checkpoint_comes_back_to_the_bit_and_three_stay() {
     let (found, warnings) = resume(&folder, &config);
     assert_eq!(found.unwrap().unwrap(), state(50));
     assert!(warnings.is_empty());
-    // The same step can be reached again.
+    // The same step can be saved again.
     save(&folder, &config, &TrainingState { seconds: 9.0, ..state(50) });
     assert_eq!(resume(&folder, &config).0.unwrap().unwrap().seconds, 9.0);
 }
 
 #[test]
-fn a_damaged_checkpoint_is_refused_by_name_and_the_one_before_it_used() {
+fn a_damaged_checkpoint_is_named_and_the_previous_one_is_used() {
     let config = FitConfig::default();
     type Damage = fn(&mut Vec<u8>);
     let damages: [Damage; 4] =
@@ -101,7 +101,7 @@ fn a_damaged_checkpoint_is_refused_by_name_and_the_one_before_it_used() {
         assert_eq!(found.unwrap().unwrap(), state(10));
         assert!(warnings.len() == 1 && warnings[0].contains("step-000000020: does not have"), "{warnings:?}");
         assert_eq!(names(&folder), ["refused-step-000000020", "step-000000010"]);
-        // Where all are damaged, the run starts afresh.
+        // If all are damaged, the run starts from the beginning.
         damaged(10);
         assert_eq!(resume(&folder, &config).0.unwrap(), None);
     }
@@ -113,7 +113,7 @@ fn a_checkpoint_of_another_run_is_an_error() {
     let here = folder(&temporary, true);
     let config = FitConfig::default();
     save(&here, &config, &state(10));
-    // A longer run goes on from it, a shorter one does not.
+    // A longer run resumes from it, a shorter one does not.
     let of_steps = |steps| resume(&here, &FitConfig { steps, ..config.clone() });
     assert_eq!(of_steps(config.steps + 1).0.unwrap(), Some(state(10)));
     assert!(of_steps(config.steps - 1).0.unwrap_err().to_string().contains("`steps`"));
@@ -166,7 +166,7 @@ fn a_checkpoint_of_an_earlier_format_is_an_error() {
 }
 
 #[test]
-fn what_a_kill_leaves_half_done_is_ignored_and_removed() {
+fn unfinished_checkpoints_are_ignored_and_removed() {
     let temporary = tempfile::tempdir().unwrap();
     let folder = folder(&temporary, true);
     let config = FitConfig::default();
@@ -178,7 +178,7 @@ fn what_a_kill_leaves_half_done_is_ignored_and_removed() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_made_is_an_error() {
+fn a_folder_that_cannot_be_created_is_an_error() {
     let temporary = tempfile::tempdir().unwrap();
     fs::write(temporary.path().join("run"), "in the way").unwrap();
     let error = resume(&folder(&temporary, true), &FitConfig::default()).0.unwrap_err().to_string();

@@ -10,7 +10,7 @@ use crate::{
     test_support::{sky, train_until},
 };
 
-/// A target over normals that are drawn from an angle.
+/// A target whose normals are drawn from an angle.
 struct OfAngle {
     draw: fn(f32) -> [f32; 3],
     density: fn(&[f32], [f32; 2]) -> f32,
@@ -66,7 +66,7 @@ fn a_known_target_is_recovered() {
 }
 
 #[test]
-fn training_for_a_cosine_under_a_sky_divides_the_variance() {
+fn training_reduces_the_variance_of_a_cosine_under_a_sky() {
     let config = FitConfig { steps: 200, conditions: 32, ..small() };
     let summary = quiet(&config, &CosineTarget::new(&sky)).unwrap().summary;
     assert_eq!((summary.steps, summary.interrupted), (200, false));
@@ -74,7 +74,7 @@ fn training_for_a_cosine_under_a_sky_divides_the_variance() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_weights_to_the_bit() {
+fn the_same_seed_gives_bit_identical_weights() {
     let train = |seed, threads| {
         // More than one shard per step.
         let config = FitConfig { seed, conditions: 160, ..small() };
@@ -99,8 +99,9 @@ fn backends_agree() {
     let reference = train(Backend::Flex).unwrap();
     for other in [Backend::Ndarray, Backend::Wgpu].into_iter().filter_map(train) {
         for (a, b) in reference.iter().zip(&other) {
-            // Adam divides by the gradient's size: a weight moves by up to a learning rate however small its gradient
-            // is, and rounding decides about the smallest ones. Five steps of warm-up move a weight by at most 5e-2.
+            // Adam divides by the gradient's size: a weight moves by up to a learning rate for any size of
+            // its gradient, and rounding determines the smallest ones. Five steps of warm-up move a weight by
+            // at most 5e-2.
             let apart = a.values.iter().zip(&b.values).filter(|(a, b)| (**a - **b).abs() > 1e-4).count();
             assert!(apart * 100 <= a.values.len(), "{}: {apart} of {}", a.name, a.values.len());
         }
@@ -108,7 +109,7 @@ fn backends_agree() {
 }
 
 #[test]
-fn progress_is_told_of_every_step_and_validation() {
+fn progress_is_reported_for_every_step_and_validation() {
     let mut seen = Vec::new();
     let config = FitConfig { validate_every: 10, ..small() };
     let mut progress = |progress: &Progress| seen.push((progress.step, progress.divergence.is_some()));
@@ -118,7 +119,7 @@ fn progress_is_told_of_every_step_and_validation() {
 }
 
 #[test]
-fn an_interruption_keeps_what_was_learned() {
+fn an_interruption_returns_the_trained_weights() {
     let interrupt = AtomicBool::new(false);
     let mut progress = |progress: &Progress| interrupt.store(progress.step == 12, Ordering::Relaxed);
     let fitted = fit(&small(), &CosineTarget::new(&sky), &mut progress, &interrupt).unwrap();
@@ -133,7 +134,7 @@ fn a_black_environment_is_an_error() {
 }
 
 #[test]
-fn a_head_that_asks_for_another_target_is_refused() {
+fn a_head_for_another_target_is_rejected() {
     let head = HeadConfig { condition: Condition::Ggx, ..HeadConfig::COSINE };
     let error = quiet(&FitConfig { head, ..small() }, &VON_MISES_TIMES_BETA).err().unwrap();
     assert!(error.to_string().contains("head.condition = ggx"), "{error}");
@@ -146,18 +147,18 @@ fn a_head_that_asks_for_another_target_is_refused() {
 
 #[test]
 fn steps_that_are_not_finite_are_counted_and_end_the_run() {
-    // A condition that is not a number makes every logit so.
+    // A NaN condition makes all logits NaN.
     let broken = OfAngle { draw: |_| [f32::NAN; 3], density: |_, _| 1.0 };
     let config = FitConfig { max_skipped: 3, ..small() };
     assert!(matches!(quiet(&config, &broken), Err(Error::Diverged { step: 4, skipped: 4 })));
 }
 
-/// Runs that end after a few steps each, as after kills, against one that runs through.
+/// Compares runs that end after a few steps each, as if killed, with an uninterrupted run.
 #[test]
-fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
+fn a_resumed_run_is_bit_identical_to_an_uninterrupted_one() {
     let folder = tempfile::tempdir().unwrap();
     let target = CosineTarget::new(&sky);
-    // A rate at which validation goes up and down, and often enough to go back.
+    // A rate at which validation fluctuates, often enough for setbacks.
     let wild = FitConfig { learning_rate: 0.5, setback: 1.0, validate_every: 3, ..small() };
     for (name, config) in [("plain", small()), ("averaged", FitConfig { ema_decay: 0.9, ..small() }), ("wild", wild)] {
         let whole = quiet(&config, &target).unwrap();
@@ -168,7 +169,7 @@ fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
             let (interrupt, mut steps) = (AtomicBool::new(false), 0);
             let mut progress = |_: &Progress| {
                 steps += 1;
-                // The end of a run that is killed is no interruption: it saves nothing.
+                // A killed run is not an interruption: it saves nothing.
                 if steps == 11 { Err(Error::EmptyTarget { conditions: 0 }) } else { Ok(()) }
             };
             pieces += 1;
@@ -213,7 +214,7 @@ fn an_interruption_is_saved_and_resumed() {
 }
 
 #[test]
-fn the_average_of_the_weights_is_not_the_weights() {
+fn averaged_weights_differ_from_the_weights() {
     let target = CosineTarget::new(&sky);
     let average = quiet(&FitConfig { ema_decay: 0.99, ..small() }, &target).unwrap();
     let plain = quiet(&small(), &target).unwrap();

@@ -1,4 +1,4 @@
-//! The gradient of a flow's likelihood, on the host or by burn.
+//! The gradient of a flow's likelihood, fused on the host or by burn.
 
 use burn::{
     optim::GradientsParams,
@@ -8,7 +8,7 @@ use headtail_model::Flow;
 
 use crate::{FitConfig, GradientForm, StepGradient, fused::FusedFlow};
 
-/// Computes `-mean ln q` and its gradient. Both forms give the same to rounding.
+/// Computes `-mean ln q` and its gradient. Both forms agree to rounding.
 pub enum FlowGradient {
     /// In one pass over SIMD lanes, on the host.
     Fused(Box<FusedFlow>),
@@ -22,7 +22,7 @@ pub enum FlowGradient {
 }
 
 impl FlowGradient {
-    /// The form that a configuration asks for.
+    /// Returns the form of a configuration.
     pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Self {
         match config.gradient.on(config.backend) {
             GradientForm::Fused | GradientForm::Auto => Self::Fused(Box::new(FusedFlow::new(flow))),
@@ -30,7 +30,8 @@ impl FlowGradient {
         }
     }
 
-    /// At points of X, `[samples, 2]`. A result that is not finite is the caller's to leave out.
+    /// Returns loss and gradient at points of X, `[samples, 2]`. The caller skips results that are not
+    /// finite.
     pub fn gradient(&mut self, weights: &[f32], points: &[f32]) -> StepGradient {
         match self {
             Self::Fused(fused) => fused.gradient(weights, points),

@@ -1,15 +1,15 @@
-//! The sampling direction of a spline in double precision, along a line.
+//! The sampling direction of a spline in double precision, lifted to the line.
 
 use headtail_render::spline::{self, Logits, Topology, bin_count};
 
-/// `z -> y` of the spline with `3 K + 1` logits. On the circle `z` and `y` are lifted to the line: `z + 1` gives `y + 1`, and the shift is
-/// not wrapped, so that `y` is continuous in the logits.
+/// Maps `z -> y` by the spline with `3 K + 1` logits. On the circle `z` and `y` are lifted to the line:
+/// `z + 1` maps to `y + 1`, and the shift is not wrapped, so that `y` is continuous in the logits.
 pub fn invert(topology: Topology, logits: &[f32], z: f64) -> f64 {
     let bins = bin_count(logits.len());
     let mut logits: Vec<f64> = logits.iter().map(|&logit| f64::from(logit)).collect();
     let (mut turns, mut shift) = (0.0, 0.0);
     if topology == Topology::Circle {
-        // An interval whose ends have one slope.
+        // A circle is an interval with equal slopes at both ends.
         turns = z.floor();
         shift = logits[3 * bins];
         logits[3 * bins] = logits[2 * bins];
@@ -26,7 +26,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_inverse_of_the_density_direction() {
+    fn it_inverts_the_density_direction() {
         let mut random = Stream::new(3, Purpose::Test, 0);
         for topology in [Topology::Interval, Topology::Circle] {
             for bins in [2, 8, 128] {
@@ -37,7 +37,7 @@ mod tests {
                     let ([z], [slope]) = spline::inverse(topology, columns, &mut vec![[0.0]; 2 * bins], &[y]);
                     let apart = invert(topology, &logits, f64::from(z)) - f64::from(y);
                     let apart = if topology == Topology::Circle { apart - apart.round() } else { apart };
-                    // z is known to 1e-7, which one over the slope magnifies.
+                    // z has an error of 1e-7, which one over the slope magnifies.
                     assert!(apart.abs() < 3e-6 * (1.0 + 1.0 / f64::from(slope)), "{topology:?} {bins}: {y} {apart}");
                 }
             }

@@ -1,7 +1,7 @@
 //! Fitting a flow tail to the light of a map, and tabulating it.
 //!
-//! Points are drawn in proportion to the light by an exact tail, and the flow's likelihood at them is maximised: with `p` the
-//! density of the light over X, the loss is `KL(p || q)` up to a constant.
+//! Points are drawn in proportion to the light by an exact tail, and the flow's likelihood at them is
+//! maximised: with `p` the density of the light over X, the loss is `KL(p || q)` up to a constant.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -36,42 +36,43 @@ use crate::{
 
 /// Strata along a side of the validation points.
 const VALIDATION_STRATA: usize = 96;
-/// How often in a run its divergence is measured.
+/// Number of divergence measurements in a run.
 const VALIDATIONS: usize = 20;
-/// Cells along a side of the table of a flow that was interrupted: nobody will use it, and a large flow's own takes minutes.
+/// Cells along a side of the table of an interrupted flow: it is discarded, and a large table takes minutes.
 const INTERRUPTED_CELLS: usize = 4;
 
 /// A fitted flow tail.
 pub struct FittedFlow {
-    /// The tabulated tail; of a run that was interrupted, a coarse one.
+    /// The tabulated tail; coarse if the run was interrupted.
     pub tail: Tail,
     /// The flow itself.
     pub flow: Flow,
-    /// The figures.
+    /// The statistics.
     pub summary: FlowSummary,
 }
 
-/// A flow's fit in figures.
+/// Statistics of a flow's fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlowSummary {
-    /// Steps done; fewer than configured where the target was met, or the run interrupted.
+    /// Steps done: fewer than configured if the target was met or the run was interrupted.
     pub steps: usize,
-    /// `KL(p || q)` in nats of the flow on points of its own.
+    /// `KL(p || q)` of the flow in nats, on separate points.
     pub kl: f64,
-    /// The same of the table, at the same points.
+    /// `KL(p || q)` of the table, on the same points.
     pub table_kl: f64,
-    /// The same of the untrained flow: of uniform points of X.
+    /// `KL(p || q)` of the untrained flow: of uniform points of X.
     pub initial_kl: f64,
-    /// What had to be repaired in the table.
+    /// Repairs of the table.
     pub repair: Repair,
     /// Wall-clock seconds, table included.
     pub seconds: f64,
-    /// Steps left out because loss or gradient was not finite.
+    /// Steps skipped because loss or gradient was not finite.
     pub skipped: usize,
 }
 
-/// Fits a flow to the light of an exact tail, with the settings `config.flow`, on `config.backend`; the optimiser's other settings are
-/// those of the head. `run.progress` has no divergence but the KL. A run that is resumed ends with the same bits.
+/// Fits a flow to the light of an exact tail, with the settings `config.flow`, on `config.backend`; the other
+/// optimiser settings are those of the head. Of the divergences, `run.progress` has only the KL. A resumed
+/// run ends with bit-identical weights.
 ///
 /// # Errors
 /// As [`crate::fit_with`].
@@ -104,7 +105,7 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
     Ok(FittedFlow { tail, flow, summary })
 }
 
-/// The training of a flow.
+/// Training of a flow.
 struct FlowTraining<'a> {
     config: &'a FitConfig,
     exact: &'a Tail,
@@ -119,7 +120,7 @@ impl Trainable for FlowTraining<'_> {
         Ok(Some(self.gradient.gradient(weights, &points)))
     }
 
-    /// Not where a resumed run happens to begin: a whole run would not have ended there.
+    /// Only at measured steps, so that a resumed run ends at the same step as an uninterrupted one.
     fn is_done(&mut self, state: &TrainingState) -> bool {
         let target = self.config.flow.kl_target;
         let is_measured = state.step.is_multiple_of((self.config.steps / VALIDATIONS).max(1));
@@ -127,7 +128,8 @@ impl Trainable for FlowTraining<'_> {
     }
 }
 
-/// A point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, but for a share that is uniform over X.
+/// Draws a point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, except for a
+/// fraction `uniform` that is uniform over X.
 fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec<f32> {
     let mut stream = Stream::new(seed, Purpose::Tail, index);
     let stratum = |k: usize| Vec2::new((k % strata) as f32, (k / strata) as f32);
@@ -144,7 +146,7 @@ fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec
 /// Fixed points with the density of the light.
 struct Validation {
     points: Vec<f32>,
-    /// The mean of its logarithm.
+    /// The mean log-density of the light.
     entropy: f64,
     densities: Vec<f32>,
 }

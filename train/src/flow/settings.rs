@@ -1,4 +1,4 @@
-//! What the fit of a flow tail is set by.
+//! The settings of a flow tail's fit.
 
 use std::{fmt, str::FromStr};
 
@@ -13,14 +13,15 @@ use crate::{Error, FitConfig, Result, config::within};
 pub struct FlowSettings {
     /// Optimiser steps.
     pub steps: usize,
-    /// Strata per side of Y; a step has a point in each.
+    /// Strata per side of Y; a step has one point in each.
     pub strata: usize,
     /// Peak learning rate.
     pub learning_rate: f64,
-    /// The fit ends when `KL(light || flow)`, measured twenty times in a run, is at most this many nats; 0 goes through all steps.
+    /// The fit ends when `KL(light || flow)`, measured 20 times per run, is at most this many nats; 0 runs
+    /// all steps.
     pub kl_target: f64,
-    /// Share of points that are uniform over X, not distributed like the light: without them dark regions are thinner in Y than a cell of
-    /// the table. What the light lacks there is left to the head.
+    /// Fraction of points that are uniform over X instead of distributed like the light: without them, dark
+    /// regions are thinner in Y than a cell of the table. The head learns the remaining factor of the light.
     pub uniform: f32,
     /// Cells along a side of the table: a power of two from 4 to 1024.
     pub cells: usize,
@@ -28,22 +29,22 @@ pub struct FlowSettings {
     pub shape: FlowConfig,
 }
 
-/// Settings by name.
+/// Named settings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlowSize {
-    /// A minute on two cores.
+    /// Trains in a minute on two cores.
     Small,
-    /// Some minutes on two cores.
+    /// Trains in a few minutes on two cores.
     Medium,
     /// The paper's size, for a GPU or a night.
     Paper,
 }
 
 impl FlowSize {
-    /// Every size.
+    /// All sizes.
     pub const ALL: [Self; 3] = [Self::Small, Self::Medium, Self::Paper];
 
-    /// The name.
+    /// Returns the name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Small => "small",
@@ -52,7 +53,7 @@ impl FlowSize {
         }
     }
 
-    /// The settings.
+    /// Returns the settings.
     pub const fn settings(self) -> FlowSettings {
         const SMALL: FlowSettings = FlowSettings {
             steps: 1500,
@@ -70,7 +71,8 @@ impl FlowSize {
                 FlowSettings { steps: 3000, learning_rate: 3e-3, cells: 512, shape, ..SMALL }
             }
             Self::Paper => {
-                // At 1e-3 steps of 1024 points diverged on lebombo_1k; at this rate, with gradients clipped at 1, they did not.
+                // At a rate of 1e-3, steps of 1024 points diverge on lebombo_1k; at this rate, with gradients
+                // clipped at 1, they do not.
                 FlowSettings { steps: 100_000, learning_rate: 1.5e-4, cells: 1024, shape: FlowConfig::PAPER, ..SMALL }
             }
         }
@@ -93,14 +95,14 @@ impl FromStr for FlowSize {
 }
 
 impl Default for FlowSettings {
-    /// [`FlowSize::Small`].
+    /// Returns [`FlowSize::Small`].
     fn default() -> Self {
         FlowSize::Small.settings()
     }
 }
 
 impl FlowSettings {
-    /// A configuration whose optimiser is that of the flow.
+    /// Returns `config` with the flow's optimiser settings.
     pub fn optimizer(&self, config: &FitConfig) -> FitConfig {
         FitConfig {
             steps: self.steps,
@@ -114,7 +116,7 @@ impl FlowSettings {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`Error::Config`] or [`Error::Model`] names the first field that is out of range.
+    /// [`Error::Config`] or [`Error::Model`] naming the first field that is out of range.
     pub fn validate(&self) -> Result<()> {
         self.shape.validate()?;
         within("flow.steps", self.steps, 1..=100_000_000, "in 1..=1e8")?;

@@ -12,11 +12,12 @@ use crate::{Error, Result, fused::FusedFlow};
 
 /// Tabulates the sampling direction y -> x at the corners of `cells x cells` cells.
 ///
-/// The azimuth is followed as a number on the line through all layers, so that a cell that reaches over dark sky is not taken for
-/// one that goes round the other way.
+/// The azimuth is lifted to the line through all layers, so that a cell that spans dark sky is distinguished
+/// from one that wraps around the other way.
 ///
 /// # Errors
-/// [`Error::NoTable`]: the number of cells is out of range, a weight is not finite, or the flow turns rows by more than a table holds.
+/// [`Error::NoTable`]: the number of cells is out of range, a weight is not finite, or the flow rotates rows
+/// by more than a table can represent.
 pub fn tabulate(flow: &Flow, cells: usize) -> Result<(WarpMap, Repair)> {
     let (weights, fused) = (flow.flat_weights(), FusedFlow::new(flow));
     let count = cells * (cells + 1);
@@ -40,7 +41,7 @@ pub fn tabulate(flow: &Flow, cells: usize) -> Result<(WarpMap, Repair)> {
     }
     let turns = (u.iter().sum::<f64>() / count as f64 - 0.5).round();
     let mut nodes: Vec<Vec2> = u.iter().zip(&v).map(|(u, v)| Vec2::new((u - turns) as f32, *v as f32)).collect();
-    // The ends of an interval spline stay where they are, to rounding.
+    // The ends of an interval spline are fixed, up to rounding.
     nodes[..cells].iter_mut().for_each(|node| node.y = 0.0);
     nodes[cells * cells..].iter_mut().for_each(|node| node.y = 1.0);
     WarpMap::repaired(cells, nodes).map_err(|reason| Error::NoTable { reason: Arc::new(reason) })

@@ -35,7 +35,7 @@ fn quiet(
 }
 
 #[test]
-fn the_fused_gradient_is_that_of_the_graph() {
+fn the_fused_gradient_matches_the_graph() {
     let exact = exact("window");
     let device = Backend::Flex.device().unwrap();
     for shape in [
@@ -57,7 +57,7 @@ fn the_fused_gradient_is_that_of_the_graph() {
 }
 
 #[test]
-fn a_flow_comes_near_the_light_and_its_table_near_the_flow() {
+fn a_flow_approximates_the_light_and_its_table_the_flow() {
     let shape = FlowConfig { form: FlowForm::Triangular, couplings: 2, ..SHAPE };
     let config = FitConfig { flow: FlowSettings { steps: 300, shape, ..small().flow }, ..small() };
     let fitted = quiet(&config, &exact("window"), None, 0).unwrap();
@@ -67,9 +67,9 @@ fn a_flow_comes_near_the_light_and_its_table_near_the_flow() {
     assert_eq!(fitted.tail.kind(), TailKind::Flow);
 }
 
-/// A tabulated flow is the flow at the nodes: there and back.
+/// A tabulated flow equals the flow at the nodes, in both directions.
 #[test]
-fn the_table_is_the_inverse_of_the_density_direction() {
+fn the_table_inverts_the_density_direction() {
     let device = Backend::Flex.device().unwrap();
     let flow = Flow::new(SHAPE, 2, &device).unwrap();
     let mut stream = Stream::new(5, Purpose::Test, 0);
@@ -96,7 +96,7 @@ fn the_table_is_the_inverse_of_the_density_direction() {
     assert!(jacobian < 0.5, "{jacobian}");
 }
 
-/// However wild the weights.
+/// Holds for arbitrary weights.
 #[test]
 fn tables_of_triangular_flows_need_no_repair() {
     let device = Backend::Flex.device().unwrap();
@@ -109,7 +109,7 @@ fn tables_of_triangular_flows_need_no_repair() {
 }
 
 #[test]
-fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
+fn a_resumed_run_is_bit_identical_to_an_uninterrupted_one() {
     let (folder, exact) = (tempfile::tempdir().unwrap(), exact("studio"));
     let whole = quiet(&small(), &exact, None, 0).unwrap().flow.flat_weights();
     let checkpoints =
@@ -121,7 +121,7 @@ fn a_run_in_pieces_ends_with_the_bits_of_a_whole_one() {
 }
 
 #[test]
-fn backends_give_the_same_flow_to_rounding() {
+fn backends_agree_to_rounding() {
     let exact = exact("window");
     let train = |backend, gradient| {
         let flow = FlowSettings { steps: 15, ..small().flow };
@@ -133,7 +133,8 @@ fn backends_give_the_same_flow_to_rounding() {
             Err(Error::BackendNotCompiled { .. }) => continue,
             other => other.unwrap(),
         };
-        // Not weight by weight: Adam moves one by a learning rate however small its gradient is, and rounding decides about the smallest.
+        // Weights are not compared one by one: Adam moves a weight by a learning rate for any size of its
+        // gradient, and rounding determines the smallest.
         assert!((reference - other).abs() < 2e-2, "{backend}: {reference} {other}");
     }
 }
@@ -146,14 +147,14 @@ fn a_target_ends_the_fit_early() {
 }
 
 #[test]
-fn a_run_in_pieces_meets_its_target_where_a_whole_one_does() {
+fn a_resumed_run_meets_its_target_at_the_same_step() {
     let exact = exact("window");
     let run = |kl_target, checkpoints: Option<&CheckpointFolder>, stop_at| {
         let flow = FlowSettings { steps: 400, kl_target, ..small().flow };
         let fitted = quiet(&FitConfig { flow, ..small() }, &exact, checkpoints, stop_at).unwrap();
         (fitted.summary.steps, fitted.summary.kl, fitted.flow.flat_weights())
     };
-    // A target that is met between two measurements, also at the step before the second.
+    // A target met between two measurements, also at the step before the second.
     let (steps, kl, _) = run(1.0, None, 0);
     let target = kl + 0.05;
     let whole = run(target, None, 0);

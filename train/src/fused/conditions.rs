@@ -1,5 +1,5 @@
-//! What is computed once per condition: encoder, the condition's part of the first layers, share, and in autoregressive
-//! mode the elevation's network.
+//! Computations per condition: encoder, the condition's part of the first layers, mixture weight, and in
+//! autoregressive mode the elevation's network.
 
 use std::ops::Range;
 
@@ -12,11 +12,11 @@ use super::{
 };
 use crate::integrand::Batch;
 
-/// Matrices with one column per condition; `d_` are derivatives of the loss.
+/// Matrices with one column per condition; `d_` marks derivatives of the loss.
 #[derive(Default)]
 pub(super) struct Conditions {
     pub count: usize,
-    /// The condition and below it the encoder's output: what every network sees.
+    /// The condition, followed by the encoder's output: the input of every network.
     seen: Vec<f32>,
     encoder: Hidden,
     /// First hidden layers before activation, without the samples' part.
@@ -25,7 +25,7 @@ pub(super) struct Conditions {
     pub d_elevation: Vec<f32>,
     pub d_azimuth: Vec<f32>,
     share_hidden: Hidden,
-    /// Logits of the shares beside BRDF sampling; empty where none is learned.
+    /// Logits of the mixture weights; empty without learned mixture weight.
     shares: Vec<f32>,
     d_shares: Vec<f32>,
     /// Autoregressive mode: the elevation's hidden layers, and its logits.
@@ -74,7 +74,8 @@ impl Conditions {
         }
     }
 
-    /// Logits of the shares of some columns and the derivatives by them; empty where no share is learned.
+    /// Returns the mixture weight logits of some columns and their derivatives; empty without learned mixture
+    /// weight.
     pub fn shares_of(&mut self, columns: Range<usize>) -> (&[f32], &mut [f32]) {
         match self.shares.get(columns.clone()) {
             Some(shares) => (shares, &mut self.d_shares[columns]),
@@ -82,7 +83,8 @@ impl Conditions {
         }
     }
 
-    /// From the derivatives by first layers, shares and elevation logits to those by the weights.
+    /// Propagates derivatives with respect to first layers, mixture weights and elevation logits to the
+    /// weights.
     #[inline(always)]
     pub fn backward(&mut self, layout: &Layout, weights: &[f32], gradient: &mut [f32]) {
         let (count, slope) = (self.count, layout.config.leaky_slope);
@@ -120,7 +122,8 @@ fn clear(values: &mut Vec<f32>, length: usize) {
     values.resize(length, 0.0);
 }
 
-/// The condition's part of a first layer: its gradient, and what it adds to the derivatives by what the networks see.
+/// Adds the gradient of the condition's part of a first layer, and its contribution to the derivatives with
+/// respect to the network inputs.
 #[inline(always)]
 fn first_layer_backward(
     layer: &Layer,

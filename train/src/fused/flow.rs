@@ -1,5 +1,5 @@
-//! The likelihood of a flow tail and its gradient, in one pass over SIMD lanes: as the rest of this module does it for heads, but
-//! with residual networks, without conditions, and with the way back through the coordinates of all earlier layers.
+//! The likelihood of a flow tail and its gradient, in one pass over SIMD lanes. Unlike heads, flows have
+//! residual networks, no conditions, and a backward pass through the coordinates of all earlier layers.
 
 use std::f32::consts::{PI, TAU};
 
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::StepGradient;
 
-/// Samples that go through all layers together.
+/// Number of samples that pass through all layers together.
 const BLOCK: usize = 128;
 
 /// Likelihood and gradient of flows of one shape.
@@ -24,7 +24,7 @@ pub struct FusedFlow {
     parts: Vec<Part>,
 }
 
-/// Where the layers are in the flat list of weights, see [`Flow::flat_weights`].
+/// Offsets of the layers in the flat list of weights, see [`Flow::flat_weights`].
 #[derive(Clone, Debug)]
 struct Layout {
     config: FlowConfig,
@@ -40,12 +40,13 @@ struct Part {
     couplings: Vec<Coupling>,
 }
 
-/// What a coupling keeps of a block for the way back. Matrices are `[rows, columns]` with one column per sample.
+/// State of a coupling for the backward pass of a block. Matrices are `[rows, columns]` with one column per
+/// sample.
 #[derive(Default)]
 struct Coupling {
     other: Vec<f32>,
     features: Vec<f32>,
-    /// Activated: the inputs of all layers after the first.
+    /// Activations: the inputs of all layers after the first.
     activated: Vec<Vec<f32>>,
     splines: Splines,
 }
@@ -61,7 +62,7 @@ struct Scratch {
 }
 
 impl FusedFlow {
-    /// For flows of the shape of `flow`.
+    /// Creates buffers for flows of the shape of `flow`.
     pub fn new(flow: &Flow) -> Self {
         let config = *flow.config();
         let mut length = 0;
@@ -82,7 +83,7 @@ impl FusedFlow {
         Self { layout: Layout { config, networks, length }, parts: Vec::new() }
     }
 
-    /// `-mean ln q(x)` over points of X, `[samples, 2]`, and its gradient.
+    /// Returns `-mean ln q(x)` over points of X, `[samples, 2]`, and its gradient.
     pub fn gradient(&mut self, weights: &[f32], points: &[f32]) -> StepGradient {
         assert_eq!(weights.len(), self.layout.length, "one number for each weight");
         let count = points.len() / 2;
@@ -97,7 +98,8 @@ impl FusedFlow {
         StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..])))
     }
 
-    /// The logits of one coupling's splines for values of the coordinate that it does not transform: `[samples, 3 K + 1]`.
+    /// Returns the logits of one coupling's splines, `[samples, 3 K + 1]`, for values of the coordinate that
+    /// it does not transform.
     pub fn logits(&self, weights: &[f32], coupling: usize, other: &[f32]) -> Vec<f32> {
         struct Forward<'a> {
             layout: &'a Layout,
@@ -154,7 +156,7 @@ impl Vectorized for Work<'_> {
 }
 
 impl Part {
-    /// One block forward and back.
+    /// Runs one block forward and backward.
     #[inline(always)]
     fn block(&mut self, layout: &Layout, weights: &[f32], points: &[f32], scale: f32) {
         let Self { loss, gradient, scratch, couplings } = self;
@@ -179,7 +181,7 @@ impl Part {
                 *loss -= log_slope * scale;
             }
         }
-        // The uniform density of the base does not depend on where a point ends.
+        // The base density is uniform, so it does not depend on the final position of a point.
         let mut d_coordinates = [vec![0.0; columns], vec![0.0; columns]];
         let mut d_log = vec![0.0; columns];
         d_log[..count].fill(-scale);
@@ -200,7 +202,7 @@ fn own_coordinate(layout: &Layout, coupling: usize) -> usize {
 }
 
 impl Coupling {
-    /// Features of the other coordinate, and the network's logits.
+    /// Computes the features of the other coordinate and the network's logits.
     #[inline(always)]
     fn network(&mut self, layout: &Layout, weights: &[f32], index: usize, columns: usize, scratch: &mut Scratch) {
         self.place_features(layout.config.target(index), layout.config.octaves);
@@ -223,7 +225,7 @@ impl Coupling {
         layers[last].forward(weights, input, &mut self.splines.logits);
     }
 
-    /// As [`Flow`]'s: see there for their order.
+    /// Computes the features as in [`Flow`], in the same order.
     #[inline(always)]
     fn place_features(&mut self, target: Coordinate, octaves: usize) {
         self.features.clear();
@@ -248,7 +250,8 @@ impl Coupling {
         }
     }
 
-    /// From the loss's derivatives by what comes out (both coordinates, the log-slope) to those by what goes in, and by the weights.
+    /// Propagates derivatives of the loss with respect to the outputs (both coordinates, the log-slope) to
+    /// the inputs and the weights.
     #[inline(always)]
     #[expect(clippy::too_many_arguments, reason = "the state of one step of backpropagation")]
     fn backward(

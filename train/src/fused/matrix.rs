@@ -2,24 +2,24 @@
 
 use headtail_render::simd::Lanes;
 
-/// A row-major matrix that borrows its numbers; rows may be longer than `columns`.
+/// A borrowed row-major matrix; rows may be longer than `columns`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Matrix<'a> {
     pub values: &'a [f32],
     pub rows: usize,
     pub columns: usize,
-    /// Numbers from one row to the next.
+    /// Distance between the starts of consecutive rows.
     pub stride: usize,
 }
 
 impl<'a> Matrix<'a> {
-    /// `rows x columns` without gaps.
+    /// Returns a `rows x columns` matrix without gaps.
     #[inline(always)]
     pub fn new(values: &'a [f32], rows: usize, columns: usize) -> Self {
         Self { values, rows, columns, stride: columns }
     }
 
-    /// Some columns of it.
+    /// Returns a range of its columns.
     #[inline(always)]
     pub fn columns(self, first: usize, columns: usize) -> Self {
         assert!(first + columns <= self.columns);
@@ -33,7 +33,7 @@ impl<'a> Matrix<'a> {
     }
 }
 
-/// How the factors of a product are read.
+/// Which factor of a product is transposed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Form {
     /// `a b`.
@@ -44,7 +44,7 @@ pub(super) enum Form {
     RightTransposed,
 }
 
-/// `out += product` or `out = product`; rows of `out` are `stride` apart.
+/// Computes `out += product` or `out = product`; rows of `out` are `stride` apart.
 ///
 /// # Panics
 /// If the sizes do not fit.
@@ -61,8 +61,8 @@ pub(super) fn multiply(form: Form, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f32]
     a.assert_inside();
     b.assert_inside();
     assert!(columns <= stride && (rows == 0 || (rows - 1) * stride + columns <= out.len()));
-    // SAFETY: the assertions above keep every index that the sizes and strides allow inside the three slices, and `out` is
-    // borrowed mutably, so it overlaps neither factor. Strides are in (column, row) order.
+    // SAFETY: the assertions above keep all indices within the three slices for these sizes and strides, and
+    // `out` is borrowed mutably, so it overlaps neither factor. Strides are in (column, row) order.
     unsafe {
         gemm::gemm(
             rows,
@@ -88,7 +88,7 @@ pub(super) fn multiply(form: Form, a: Matrix<'_>, b: Matrix<'_>, out: &mut [f32]
     }
 }
 
-/// The lanes from `first` on.
+/// Returns the lanes from `first` on.
 #[inline(always)]
 pub(super) fn lanes_mut(values: &mut [f32], first: usize) -> &mut Lanes {
     values[first..].first_chunk_mut().expect("a whole number of lanes")
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_are_sums_of_products() {
+    fn products_match_their_definition() {
         let a: Vec<f32> = (0..35).map(|k| (k % 7) as f32 - 2.5).collect();
         let b: Vec<f32> = (0..66).map(|k| (k % 5) as f32 - 1.5).collect();
         // a is 5 x 6 with rows 7 apart; b is 6 x 11, or 11 x 6 when transposed.
@@ -123,7 +123,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "assertion")]
-    fn sizes_that_do_not_fit_are_refused() {
+    fn mismatched_sizes_are_rejected() {
         multiply(Form::Plain, Matrix::new(&[0.0; 6], 2, 3), Matrix::new(&[0.0; 6], 2, 3), &mut [0.0; 9], 3, false);
     }
 }

@@ -1,15 +1,15 @@
-//! The fast way to a step's gradient on a processor: network, splines and their analytic derivatives in one pass, without a
-//! tensor library.
+//! The fast implementation of a step's gradient on a CPU: network, splines and their analytic derivatives in
+//! one pass, without a tensor library.
 //!
-//! All matrices are `[features, columns]`, row-major, so that samples lie in SIMD lanes. What depends on the condition alone
-//! (encoder, first layers, in autoregressive mode the whole elevation network) has one column per condition. A group of
-//! conditions at a time goes through networks and splines and back; only the products of matrices are left to a library. The result is
-//! that of [`crate::in_graph`] to rounding.
+//! All matrices are `[features, columns]`, row-major, so that samples lie in SIMD lanes. Terms that depend
+//! only on the condition (encoder, first layers, in autoregressive mode the whole elevation network) have one
+//! column per condition. Groups of conditions pass through networks and splines forward and backward; only
+//! matrix products use a library. The result equals that of [`crate::in_graph`] to rounding.
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `conditions.rs` | what is computed once per condition |
-//! | `samples.rs`, `splines.rs` | what is computed for every sample |
+//! | `conditions.rs` | computations per condition |
+//! | `samples.rs`, `splines.rs` | computations per sample |
 //! | `perceptron.rs`, `matrix.rs` | layers and matrix products, forward and backward |
 //! | `flow.rs` | the likelihood of a flow tail |
 
@@ -32,22 +32,22 @@ pub(crate) use matrix::Matrix;
 pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
 use samples::{Place, Samples, Scratch, Weights};
 
-/// Parts of a batch whose gradients are summed in order: a number that depends on the batch alone, so that the sum does not
-/// depend on the threads. Large batches have enough parts for many processors.
+/// Returns the number of parts of a batch whose gradients are summed in order. It depends only on the batch,
+/// so the sum does not depend on the number of threads. Large batches have enough parts for many cores.
 fn parts(groups: usize) -> usize {
     (groups / 16).max(8)
 }
 
-/// Samples of a group of conditions, about: a group has at least one whole condition.
+/// Approximate number of samples in a group of conditions: a group has at least one whole condition.
 const GROUP: usize = 128;
 
-/// The gradient of heads of one shape.
+/// Computes gradients of heads of one shape.
 pub struct FusedGradient {
     layout: Layout,
     parts: Vec<Part>,
 }
 
-/// Where the layers are in the flat list of weights, see [`Head::flat_weights`].
+/// Offsets of the layers in the flat list of weights, see [`Head::flat_weights`].
 #[derive(Clone, Debug)]
 struct Layout {
     config: HeadConfig,
@@ -58,7 +58,7 @@ struct Layout {
     length: usize,
 }
 
-/// What one part of a batch works with, kept from step to step.
+/// Buffers of one part of a batch, reused between steps.
 #[derive(Default)]
 struct Part {
     loss: f32,
@@ -94,7 +94,7 @@ impl Layout {
 }
 
 impl FusedGradient {
-    /// For heads of the shape of `head`.
+    /// Creates buffers for heads of the shape of `head`.
     pub fn new(head: &Head) -> Self {
         let layout = Layout::new(*head.config());
         assert_eq!(layout.length, head.weight_count(), "the layout is that of the head's flat weights");
@@ -129,7 +129,7 @@ struct Work<'a> {
     objective: Objective,
     batch: &'a Batch,
     range: std::ops::Range<usize>,
-    /// What the sum of losses is multiplied with.
+    /// Factor of the sum of losses.
     scale: f32,
 }
 
@@ -172,7 +172,8 @@ mod tests {
         test_support::{assert_same, random_head, studio},
     };
 
-    /// Conditions of any length; the first is empty, and the others have mixtures with BRDF sampling.
+    /// Returns a batch of random conditions; the first has no light, and the others have mixtures with BRDF
+    /// sampling.
     fn batch(condition: Condition) -> Batch {
         let tail = studio();
         let shape = BatchShape { conditions: 21, strata: 4, brdf_samples: 9 };
@@ -188,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn the_fused_gradient_is_that_of_the_graph() {
+    fn the_fused_gradient_matches_the_graph() {
         let device = Backend::Flex.device().unwrap().autodiff();
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
         for mode in [Mode::Coupled, Mode::Autoregressive] {
@@ -198,7 +199,8 @@ mod tests {
                 (Loss::LogChiSquare, HeadConfig { mode, hidden: 24, hidden_layers: 1, ..HeadConfig::MICROFACET }),
                 (Loss::ReverseKl, HeadConfig { mode, hidden_layers: 3, share: true, ..HeadConfig::MICROFACET }),
             ] {
-                // Bins of 1e-3 that large logits make would magnify the reference's own rounding beyond the bound.
+                // Large logits make bins of 1e-3, which would magnify the reference's own rounding beyond the
+                // bound.
                 let scale = if config.bins > 8 { 0.1 } else { 1.0 };
                 let head = random_head(config, &device);
                 let weights: Vec<f32> = head.flat_weights().iter().map(|weight| scale * weight).collect();
@@ -207,7 +209,7 @@ mod tests {
                 let objective = Objective { loss, entropic: 1e-2 };
                 let expected = in_graph(&head, objective, &batch, &device).unwrap();
                 let mut fused = FusedGradient::new(&head);
-                // Twice, as buffers are used again.
+                // Twice, because buffers are reused.
                 for _ in 0..2 {
                     let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap();
                     assert_same(&expected, &found, 1e-5, &format!("{config:?} {loss:?}"));
@@ -217,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn threads_do_not_change_a_bit() {
+    fn results_are_bit_identical_for_any_number_of_threads() {
         let head = random_head(HeadConfig::COSINE, &Backend::Flex.device().unwrap());
         let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };
         let gradient = |threads| {

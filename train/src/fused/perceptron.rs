@@ -1,10 +1,10 @@
-//! Layers of perceptrons over matrices `[features, columns]`, forward and backward, with weights in one flat list.
+//! Layers of perceptrons over matrices `[features, columns]`, forward and backward; weights in one flat list.
 
 use headtail_render::simd::LANES;
 
 use super::matrix::{Form, Matrix, multiply};
 
-/// Where an affine layer's numbers are in the flat list: `[out, in]` weight, then bias.
+/// Offset of an affine layer in the flat list: `[out, in]` weight, then bias.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Layer {
     pub inputs: usize,
@@ -13,7 +13,7 @@ pub(crate) struct Layer {
 }
 
 impl Layer {
-    /// How many numbers it has.
+    /// Returns the number of values.
     pub fn length(&self) -> usize {
         self.outputs * (self.inputs + 1)
     }
@@ -23,7 +23,7 @@ impl Layer {
         Matrix::new(&flat[self.start..][..self.outputs * self.inputs], self.outputs, self.inputs)
     }
 
-    /// The weights of input `input` for output `output` onwards.
+    /// Returns the weights from input `input` for output `output` onwards.
     #[inline(always)]
     pub fn weight_at(&self, output: usize, input: usize) -> usize {
         self.start + output * self.inputs + input
@@ -39,7 +39,7 @@ impl Layer {
         &flat[self.bias_at()..][..self.outputs]
     }
 
-    /// `out = W[:, ..x.rows] x + b`.
+    /// Computes `out = W[:, ..x.rows] x + b`.
     #[inline(always)]
     pub fn forward(&self, flat: &[f32], x: Matrix<'_>, out: &mut Vec<f32>) {
         out.clear();
@@ -49,7 +49,8 @@ impl Layer {
         multiply(Form::Plain, self.weight(flat).columns(0, x.rows), x, out, x.columns, true);
     }
 
-    /// Adds `G x^T` to the gradient of the first `x.rows` columns of the weight, and the sums of the rows of `G` to that of the bias.
+    /// Adds `G x^T` to the gradient of the first `x.rows` columns of the weight, and the row sums of `G` to
+    /// that of the bias.
     #[inline(always)]
     pub fn add_gradient(&self, d_output: Matrix<'_>, x: Matrix<'_>, gradient: &mut [f32]) {
         multiply(Form::RightTransposed, d_output, x, &mut gradient[self.start..], self.inputs, true);
@@ -59,7 +60,7 @@ impl Layer {
         }
     }
 
-    /// `out = W^T G`.
+    /// Computes `out = W^T G`.
     #[inline(always)]
     pub fn backward(&self, flat: &[f32], d_output: Matrix<'_>, out: &mut Vec<f32>) {
         out.resize(self.inputs * d_output.columns, 0.0);
@@ -71,23 +72,23 @@ impl Layer {
 #[derive(Default)]
 pub(crate) struct Hidden(Vec<Vec<f32>>);
 
-/// Buffers of the way back.
+/// Buffers of the backward pass.
 #[derive(Default)]
 pub(crate) struct BackwardScratch {
-    /// Derivatives by the first layer's output, before its activation.
+    /// Derivatives with respect to the first layer's output before its activation.
     pub d_hidden: Vec<f32>,
     d_activation: Vec<f32>,
 }
 
 impl Hidden {
-    /// The first layer's output, to be filled before [`forward`](Self::forward).
+    /// Returns the first layer's output, to be filled before [`forward`](Self::forward).
     #[inline(always)]
     pub fn first(&mut self, layers: &[Layer]) -> &mut Vec<f32> {
         self.0.resize(layers.len() - 1, Vec::new());
         &mut self.0[0]
     }
 
-    /// From the first layer's output to that of the last.
+    /// Computes the last layer's output from the first layer's.
     #[inline(always)]
     pub fn forward(&mut self, layers: &[Layer], flat: &[f32], slope: f32, columns: usize, out: &mut Vec<f32>) {
         leaky_relu(&mut self.0[0], slope);
@@ -104,7 +105,8 @@ impl Hidden {
         }
     }
 
-    /// From the derivatives by the last layer's output to those by the first one's; adds those by the weights in between.
+    /// Propagates derivatives from the last layer's output to the first layer's; adds those of the weights in
+    /// between.
     #[inline(always)]
     pub fn backward(
         &self,
@@ -127,18 +129,19 @@ impl Hidden {
     }
 }
 
-/// `x` where it is positive, `slope x` elsewhere.
+/// Applies `x` where positive, `slope x` elsewhere.
 #[inline(always)]
 pub(super) fn leaky_relu(values: &mut [f32], slope: f32) {
     for value in values {
-        // Not a choice of what to write back, which would become a conditional write.
+        // `max` avoids a conditional write.
         *value = value.max(slope * *value);
     }
 }
 
-/// Derivatives times the activation's slope; an activation has the sign of its argument.
+/// Multiplies derivatives by the activation's slope; an activation has the sign of its argument.
 ///
-/// Into another buffer: in place, a factor of 1 would become a conditional write, which is slow on many processors.
+/// Writes to another buffer: in place, a factor of 1 would become a conditional write, which is slow on many
+/// CPUs.
 #[inline(always)]
 pub(super) fn leaky_relu_backward(derivatives: &[f32], activations: &[f32], slope: f32, out: &mut Vec<f32>) {
     out.resize(activations.len(), 0.0);
@@ -147,7 +150,7 @@ pub(super) fn leaky_relu_backward(derivatives: &[f32], activations: &[f32], slop
     }
 }
 
-/// The sum, in lanes.
+/// Returns the sum, in lanes.
 #[inline(always)]
 pub(super) fn sum(values: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];
@@ -167,7 +170,7 @@ pub(super) fn sum(values: &[f32]) -> f32 {
     total
 }
 
-/// The sum of products, in lanes.
+/// Returns the dot product, in lanes.
 #[inline(always)]
 pub(super) fn dot(a: &[f32], b: &[f32]) -> f32 {
     let mut lanes = [0.0; LANES];

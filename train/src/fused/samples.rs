@@ -1,4 +1,5 @@
-//! What is computed for every sample of a group of conditions: both spline networks, both splines, and the way back.
+//! Computations per sample of a group of conditions: both spline networks, both splines, and the backward
+//! pass.
 
 use std::{f32::consts::TAU, ops::Range};
 
@@ -14,10 +15,11 @@ use super::{
 };
 use crate::{Objective, integrand::Batch};
 
-/// Samples of a block: with 36 k weights it takes a third of a megabyte.
+/// Number of samples in a block: with 36 k weights, a block takes about 0.33 MB.
 const BLOCK: usize = 128;
 
-/// A group of whole conditions: `count` from `first` on in the batch, from `column` on in the matrices of conditions.
+/// A group of `count` whole conditions, from `first` on in the batch, from `column` on in the matrices of
+/// conditions.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     pub first: usize,
@@ -25,14 +27,14 @@ pub(super) struct Place {
     pub column: usize,
 }
 
-/// The samples of a group, in blocks: a block goes through all layers while it is in the second-level cache, and waits for the
-/// loss, which needs all samples of a condition, before it goes back.
+/// The samples of a group, in blocks. A block passes through all layers while it is in the second-level
+/// cache; its backward pass follows the loss, which needs all samples of a condition.
 #[derive(Default)]
 pub(super) struct Samples {
     blocks: Vec<Block>,
-    /// How many of the blocks the group has.
+    /// Number of blocks in use by the group.
     used: usize,
-    /// Log-densities of the group's samples, and the loss's derivatives by them.
+    /// Log-densities of the group's samples; below, the derivatives of the loss with respect to them.
     log_q: Vec<f32>,
     d_log_q: Vec<f32>,
 }
@@ -40,7 +42,7 @@ pub(super) struct Samples {
 /// Matrices with one column per sample, padded to whole lanes.
 #[derive(Default)]
 struct Block {
-    /// Which of the group's samples these are.
+    /// Range of the block in the group's samples.
     samples: Range<usize>,
     columns: usize,
     segments: Vec<Segment>,
@@ -67,14 +69,14 @@ struct Network {
     splines: Splines,
 }
 
-/// Buffers that blocks share.
+/// Buffers shared by blocks.
 #[derive(Default)]
 pub(super) struct Scratch {
     backward: BackwardScratch,
     d_feature: Vec<f32>,
 }
 
-/// Weights and where they are.
+/// Weights and their layout.
 #[derive(Clone, Copy)]
 pub(super) struct Weights<'a> {
     pub layout: &'a Layout,
@@ -101,7 +103,7 @@ impl Samples {
         }
     }
 
-    /// The loss of the group times `scale`; keeps its derivatives.
+    /// Returns the loss of the group times `scale`; stores its derivatives.
     #[inline(always)]
     pub fn evaluate_loss(
         &mut self,
@@ -231,7 +233,7 @@ struct First<'a> {
     segments: &'a [Segment],
 }
 
-/// Derivatives by it.
+/// Derivatives with respect to [`First`].
 struct FirstMut<'a> {
     matrix: &'a mut [f32],
     stride: usize,
@@ -246,7 +248,7 @@ impl Network {
         self.hidden.forward(layers, weights.values, slope, columns, &mut self.splines.logits);
     }
 
-    /// Condition's part plus features.
+    /// Adds the condition's part and the features' part.
     #[inline(always)]
     fn first_layer(&mut self, layers: &[Layer], weights: Weights<'_>, first: &First<'_>, columns: usize) {
         let (layer, features) = (&layers[0], self.features.len() / columns);
@@ -269,7 +271,7 @@ impl Network {
         }
     }
 
-    /// From the derivatives by the logits to those by the weights and by the conditions' part of the first layer.
+    /// Propagates derivatives from the logits to the weights and the conditions' part of the first layer.
     #[inline(always)]
     fn backward(
         &mut self,
@@ -296,7 +298,8 @@ impl Network {
         }
     }
 
-    /// The loss's derivatives by the first feature, from those by the first hidden layer.
+    /// Computes derivatives with respect to the first feature from those with respect to the first hidden
+    /// layer.
     #[inline(always)]
     fn d_first_feature(&self, layer: &Layer, weights: &[f32], columns: usize, scratch: &mut Scratch) {
         let features = self.features.len() / columns;

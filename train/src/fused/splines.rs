@@ -10,13 +10,15 @@ use super::matrix::lanes_mut;
 /// Values and log-slopes of splines, and the derivatives of both.
 #[derive(Default)]
 pub(super) struct Splines {
-    /// `[3K + 1, samples]`: logits; after [`evaluate`](Self::evaluate) the derivatives of the log-slopes by them.
+    /// `[3K + 1, samples]`: logits; after [`evaluate`](Self::evaluate), derivatives of the log-slopes with
+    /// respect to them.
     pub logits: Vec<f32>,
-    /// `[3K + 1, samples]`: the derivatives of the values by the logits, where they were asked for.
+    /// `[3K + 1, samples]`: derivatives of the values with respect to the logits, if requested.
     pub d_values: Vec<f32>,
     pub values: Vec<f32>,
     pub log_slopes: Vec<f32>,
-    /// Derivatives of values and log-slopes by the points, where those by the logits were asked for.
+    /// Derivatives of values and log-slopes with respect to the points, if those for the logits were
+    /// requested.
     pub d_points: [Vec<f32>; 2],
     scratch: Vec<Lanes>,
 }
@@ -55,7 +57,8 @@ impl Splines {
         }
     }
 
-    /// From derivatives of a loss by the log-slopes, and by the values if any, to those by the logits, in place of `logits`.
+    /// Propagates derivatives of a loss from the log-slopes, and the values if any, to the logits; overwrites
+    /// `logits`.
     #[inline(always)]
     pub fn backward(&mut self, d_log_slopes: &[f32], d_values: Option<&[f32]>) {
         let samples = d_log_slopes.len();

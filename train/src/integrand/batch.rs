@@ -1,4 +1,4 @@
-//! Conditions, points of Y and what the target has there: what one training step, or a validation, works on.
+//! Conditions, points of Y and target densities: the input of a training step or a validation.
 
 use headtail_render::random::{Purpose, Stream};
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ pub struct BatchShape {
 }
 
 impl BatchShape {
-    /// Points per condition.
+    /// Returns the number of points per condition.
     pub fn samples(&self) -> usize {
         self.strata * self.strata + self.brdf_samples
     }
@@ -37,14 +37,14 @@ pub struct Batch {
     pub points: Vec<f32>,
     /// `[conditions, samples]`: the target, unnormalised.
     pub densities: Vec<f32>,
-    /// `[conditions, samples]`: one over the density of the points; their mean times a function's estimates its integral over
-    /// Y. 1 for points that are uniform in Y, 0 for points that do not count.
+    /// `[conditions, samples]`: one over the density of the points; the mean of weight times function
+    /// estimates the function's integral over Y. 1 for points that are uniform in Y, 0 for excluded points.
     pub weights: Vec<f32>,
     /// `[conditions, samples]`: the density of BRDF sampling over Y.
     pub brdf: Vec<f32>,
-    /// `[conditions, samples]`: the density over X that the tail gives to the image of uniform points.
+    /// `[conditions, samples]`: the density over X of the tail's image of uniform points.
     pub tails: Vec<f32>,
-    /// `[conditions]`: what is added to the logits of learned shares.
+    /// `[conditions]`: offset of the logits of learned mixture weights.
     pub share_logits: Vec<f32>,
 }
 
@@ -57,17 +57,17 @@ pub struct ConditionPoints<'a> {
     pub weights: &'a [f32],
     /// The density of BRDF sampling.
     pub brdf: &'a [f32],
-    /// The density over X that the tail gives.
+    /// The tail's density over X.
     pub tails: &'a [f32],
-    /// What is added to the logit of a learned share.
+    /// Offset of the logit of a learned mixture weight.
     pub share_logit: f32,
 }
 
 impl Batch {
-    /// A function of (target, shape, seed, purpose, index) alone, on any number of threads.
+    /// Draws a batch: a function of (target, shape, seed, purpose, index) alone, on any number of threads.
     ///
     /// # Errors
-    /// [`Error::BadTarget`] if the target gives a density that is not finite or is negative.
+    /// [`Error::BadTarget`] if the target returns a density that is negative or not finite.
     pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Result<Self> {
         let condition_length = target.condition().length();
         let samples = shape.samples();
@@ -109,7 +109,7 @@ impl Batch {
         Ok(batch)
     }
 
-    /// Parts of `conditions` conditions each (the last may have fewer), in order.
+    /// Splits into parts of `conditions` conditions each (the last may have fewer), in order.
     pub fn split(&self, conditions: usize) -> Vec<Self> {
         let part = |first: usize| {
             let range = first..(first + conditions).min(self.condition_count());
@@ -128,12 +128,12 @@ impl Batch {
         (0..self.condition_count()).step_by(conditions).map(part).collect()
     }
 
-    /// Number of conditions.
+    /// Returns the number of conditions.
     pub fn condition_count(&self) -> usize {
         self.densities.len() / self.samples
     }
 
-    /// The points of a condition.
+    /// Returns the points of a condition.
     pub fn condition(&self, index: usize) -> ConditionPoints<'_> {
         let range = index * self.samples..(index + 1) * self.samples;
         ConditionPoints {
@@ -145,28 +145,29 @@ impl Batch {
         }
     }
 
-    /// The points of every condition, in order.
+    /// Iterates over the points of every condition, in order.
     pub fn by_condition(&self) -> impl Iterator<Item = ConditionPoints<'_>> {
         (0..self.condition_count()).map(|index| self.condition(index))
     }
 
-    /// Number of conditions under which the target is not zero everywhere.
+    /// Returns the number of conditions under which the target is not zero everywhere.
     pub fn lit_count(&self) -> usize {
         self.by_condition().filter(ConditionPoints::is_lit).count()
     }
 }
 
 impl ConditionPoints<'_> {
-    /// Whether the target is not zero at all points that count.
+    /// Returns whether the target is nonzero at a point that is not excluded.
     pub fn is_lit(&self) -> bool {
         self.densities.iter().zip(self.weights).any(|(&g, &v)| g > 0.0 && v > 0.0)
     }
 }
 
-/// Takes uniform numbers to one point in each stratum and to BRDF samples, and evaluates the target there.
+/// Maps uniform numbers to one point in each stratum and to BRDF samples, and evaluates the target there.
 ///
-/// Of `n` points, `s` are uniform and `b` come from BRDF sampling with density `d`: the balance heuristic weighs a point by
-/// `n / (s + b d)`, whichever way it was drawn. BRDF samples that find no light have no place in Y and count nothing.
+/// Of `n` points, `s` are uniform and `b` come from BRDF sampling with density `d`: the balance heuristic
+/// weights a point by `n / (s + b d)`, whichever strategy drew it. BRDF samples without light have no
+/// position in Y and weight 0.
 pub(super) fn place_strata_and_brdf_samples<T: Target + ?Sized>(
     target: &T,
     condition: &[f32],
@@ -205,7 +206,7 @@ pub(super) fn place_strata_and_brdf_samples<T: Target + ?Sized>(
     Ok(())
 }
 
-/// The values, if the two densities are finite and not negative.
+/// Returns the values if both densities are finite and not negative.
 fn checked(values: PointValues, condition: &[f32], y: [f32; 2]) -> Result<PointValues> {
     for density in [values.target, values.brdf] {
         if !(density.is_finite() && density >= 0.0) {
@@ -222,7 +223,7 @@ mod tests {
 
     const SHAPE: BatchShape = BatchShape { conditions: 5, strata: 4, brdf_samples: 0 };
 
-    /// A tail without an environment: elevation and azimuth of a uniform sphere.
+    /// Maps Y as a tail without an environment: elevation and azimuth of a uniform sphere.
     fn uniform_tail(y: [f32; 2]) -> [f32; 3] {
         let cos = 1.0 - 2.0 * y[1];
         let sin = (1.0 - cos * cos).max(0.0).sqrt();
@@ -242,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn the_parts_of_a_batch_make_the_batch() {
+    fn the_parts_of_a_batch_concatenate_to_the_batch() {
         let batch = draw(4, 0);
         let parts = batch.split(2);
         assert_eq!(parts.iter().map(Batch::condition_count).collect::<Vec<_>>(), [2, 2, 1]);
@@ -282,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_that_is_not_a_number_is_an_error() {
+    fn a_nan_target_is_an_error() {
         let broken = |_: [f32; 2]| [f32::NAN; 3];
         let tail = |y: [f32; 2]| if y[0] < 0.5 { uniform_tail(y) } else { [f32::INFINITY; 3] };
         for tail in [&broken as &dyn TailMap, &tail] {
@@ -293,14 +294,14 @@ mod tests {
         }
     }
 
-    /// Integrals over Y do not depend on how the points were drawn.
+    /// Integrals over Y do not depend on the sampling strategy.
     #[test]
     fn brdf_samples_do_not_change_integrals() {
         let tail = studio();
         let target = CosineTarget::new(&tail);
         let integrals = |strata, brdf_samples| -> Vec<(f64, f64, f64)> {
             let shape = BatchShape { conditions: 12, strata, brdf_samples };
-            // The same conditions: those of the first numbers of a stream of each condition's own.
+            // The same conditions: each has its own stream.
             (0..12)
                 .map(|index| {
                     let shape = BatchShape { conditions: 1, ..shape };
@@ -319,14 +320,15 @@ mod tests {
         };
         for ((one, light, error), (exact_one, exact, _)) in integrals(16, 256).into_iter().zip(integrals(256, 0)) {
             assert!((exact_one - 1.0).abs() < 1e-6);
-            // The strata make the error smaller than that of independent points; four of those for 24 figures.
+            // Stratification makes the error smaller than that of independent points; 4 standard errors of
+            // those for 24 estimates.
             assert!((light - exact).abs() < 4.0 * error + 1e-3 * exact, "{light} {exact} +- {error}");
             assert!((one - 1.0).abs() < 0.2, "{one}");
         }
     }
 
     #[test]
-    fn brdf_samples_come_where_brdf_sampling_is_dense() {
+    fn brdf_samples_concentrate_where_their_density_is_high() {
         let tail = studio();
         let shape = BatchShape { conditions: 20, strata: 8, brdf_samples: 64 };
         let batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();

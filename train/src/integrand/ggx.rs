@@ -14,8 +14,8 @@ use super::{
     surface::{drawn, one_strip},
 };
 
-/// Trowbridge-Reitz microfacets that reflect everything (F = 1): the colour of a surface and its change with the angle are left
-/// to the renderer.
+/// Trowbridge-Reitz microfacets with F = 1: the renderer applies the colour of a surface and its change with
+/// the angle.
 pub struct Ggx {
     viewpoints: Viewpoints,
     low: f32,
@@ -23,7 +23,7 @@ pub struct Ggx {
 }
 
 impl Ggx {
-    /// Widths alpha uniform in `low..=high`; they are part of the condition unless both are the same.
+    /// Draws widths alpha uniformly in `low..=high`; alpha is part of the condition unless both are equal.
     pub fn new(viewpoints: Viewpoints, low: f32, high: f32) -> Self {
         Self { viewpoints, low, high }
     }
@@ -32,7 +32,7 @@ impl Ggx {
         condition.get(10).copied().unwrap_or(self.low)
     }
 
-    /// `(wo, n)` and the BRDF.
+    /// Returns `(wo, n)` and the BRDF.
     fn decode(&self, condition: &[f32]) -> ([Vec3; 2], brdf::Ggx) {
         let directions = [Vec3::from_slice(condition), Vec3::from_slice(&condition[3..])];
         (directions, brdf::Ggx::new(self.alpha(condition), Vec3::ONE))
@@ -47,7 +47,7 @@ impl Surface for Ggx {
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]) {
         let [wo, n] = self.viewpoints.draw(stream);
         let alpha = if self.low == self.high { self.low } else { self.low + (self.high - self.low) * stream.uniform() };
-        // The shorter layout is the beginning of the longer one.
+        // The shorter layout is a prefix of the longer one.
         let encoded = head::Condition::GgxRoughness.encode(wo.into(), n.into(), alpha);
         condition.copy_from_slice(&encoded[..condition.len()]);
     }
@@ -91,7 +91,7 @@ mod tests {
             surface.draw_condition(&mut stream, &mut c);
             let [wo, n, reflected] = [0, 3, 6].map(|start| Vec3A::from_slice(&c[start..]));
             assert!((c[9] - n.dot(wo)).abs() < 1e-6 && c[9] > 0.0);
-            // A mirror's two directions have the same angle to the normal and lie in one plane with it.
+            // Both directions of a mirror have the same angle to the normal and are coplanar with it.
             assert!((reflected.dot(n) - c[9]).abs() < 1e-6 && (reflected + wo).cross(n).length() < 1e-6);
             if let [alpha, log] = c[10..] {
                 assert!((low..=high).contains(&alpha) && (log.exp() - alpha).abs() < 1e-6);
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn lobe_and_sampling_are_the_renderers() {
+    fn lobe_and_sampling_match_the_renderer() {
         let surface = Ggx::new(Viewpoints::Sphere, 0.2, 0.8);
         let mut stream = Stream::new(0, Purpose::Test, 1);
         let mut c = [0.0; 12];

@@ -16,38 +16,39 @@ use super::{
     surface::{drawn, one_strip},
 };
 
-/// One measured material, or any of a family, each as often as the others.
+/// One measured material, or a family, with equal probability of each.
 pub struct MeasuredSurface {
     viewpoints: Viewpoints,
     materials: Vec<Arc<NeuralBrdf>>,
     latents: Vec<[f32; LATENTS]>,
-    /// Each material in a table of the renderer's.
+    /// Each material in a renderer's table.
     tables: Vec<(BrdfTable, u32)>,
 }
 
 impl MeasuredSurface {
-    /// Of materials seen from viewpoints; what tells them apart is part of the condition where there are many.
+    /// Builds the surface of materials seen from viewpoints; with several materials, the condition contains
+    /// the material's latent code.
     pub fn new(viewpoints: Viewpoints, materials: Vec<Arc<NeuralBrdf>>) -> Self {
         let latents = materials.iter().map(|brdf| brdf.latent()).collect();
         let tables = materials.iter().map(|brdf| BrdfTable::default().with(brdf.clone())).collect();
         Self { viewpoints, materials, latents, tables }
     }
 
-    /// The number of the material of a condition.
+    /// Returns the index of the material of a condition.
     fn index(&self, condition: &[f32]) -> usize {
         let latent = &condition[head::Condition::Ggx.length()..];
-        // Conditions hold the very numbers of one of the materials.
+        // Conditions contain the exact values of one of the materials.
         let found = self.latents.iter().position(|known| !latent.is_empty() && known == latent);
         found.unwrap_or(0)
     }
 
-    /// The material of a condition.
+    /// Returns the material of a condition.
     fn brdf(&self, condition: &[f32]) -> &NeuralBrdf {
         &self.materials[self.index(condition)]
     }
 }
 
-/// `(wo, n)`.
+/// Returns `(wo, n)`.
 fn directions(condition: &[f32]) -> [Vec3; 2] {
     [Vec3::from_slice(condition), Vec3::from_slice(&condition[3..])]
 }
@@ -61,7 +62,7 @@ impl Surface for MeasuredSurface {
         let [wo, n] = self.viewpoints.draw(stream);
         let index = ((stream.uniform() * self.latents.len() as f32) as usize).min(self.latents.len() - 1);
         let encoded = head::Condition::encode_family(wo.into(), n.into(), &self.latents[index]);
-        // The shorter layout is the beginning of the longer one.
+        // The shorter layout is a prefix of the longer one.
         condition.copy_from_slice(&encoded[..condition.len()]);
     }
 
@@ -98,7 +99,7 @@ mod tests {
     use crate::test_support::grey_lobe;
 
     #[test]
-    fn conditions_name_the_material_that_they_are_drawn_for() {
+    fn conditions_identify_their_material() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("two.safetensors");
         write_networks(&file, &[("dull".into(), grey_lobe(0.5)), ("bright".into(), grey_lobe(3.0))]).unwrap();

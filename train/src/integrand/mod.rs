@@ -1,7 +1,8 @@
 //! Target densities in the intermediate square Y.
 //!
-//! An exact tail takes uniform points of Y to directions in proportion to radiance, so the ideal intermediate density
-//! `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y, and nothing is tabulated.
+//! An exact tail maps uniform points of Y to directions in proportion to radiance, so the ideal intermediate
+//! density `q*(y|c)` is BRDF x cosine at the tail's direction: it is evaluated at points of Y without
+//! tabulation.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -43,40 +44,41 @@ use headtail_render::random::Stream;
 
 use crate::Result;
 
-/// What a head is trained for: a distribution of conditions, and an unnormalised density in Y for each.
+/// The training target of a head: a distribution of conditions, and an unnormalised density in Y for each.
 pub trait Target: Sync {
-    /// The layout of a condition.
+    /// Returns the layout of a condition.
     fn condition(&self) -> Condition;
 
     /// Draws a condition of [`Condition::length`] numbers.
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
 
-    /// The densities at points `y`. The target may be zero everywhere (no light above the horizon); such conditions are left out of
-    /// losses and figures.
+    /// Returns the densities at points `y`. The target may be zero everywhere (no light above the horizon);
+    /// such conditions are excluded from losses and statistics.
     fn at_points(&self, condition: &[f32], y: &[[f32; 2]]) -> Vec<PointValues>;
 
-    /// The densities at one point.
+    /// Returns the densities at one point.
     fn at(&self, condition: &[f32], y: [f32; 2]) -> PointValues {
         self.at_points(condition, &[y])[0]
     }
 
-    /// Whether [`brdf_samples`](Self::brdf_samples) and [`PointValues::brdf`] mean something.
+    /// Returns whether [`brdf_samples`](Self::brdf_samples) and [`PointValues::brdf`] are meaningful.
     fn has_brdf_sampling(&self) -> bool {
         false
     }
 
-    /// BRDF sampling with the uniform numbers `u`, pulled back to Y; `None` where it finds no direction or one without light.
+    /// Draws BRDF samples with the uniform numbers `u`, pulled back to Y; `None` if there is no direction or
+    /// no light in it.
     fn brdf_samples(&self, _condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {
         vec![None; u.len()]
     }
 
-    /// What is added to the logit of a learned share beside BRDF sampling.
+    /// Returns the offset of the logit of a learned mixture weight.
     fn share_logit(&self, _condition: &[f32]) -> f32 {
         0.0
     }
 
-    /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in each stratum of
-    /// Y and the rest are BRDF samples, joined by the balance heuristic.
+    /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in
+    /// each stratum of Y and the rest are BRDF samples, combined by the balance heuristic.
     ///
     /// # Errors
     /// [`Error::BadTarget`](crate::Error::BadTarget) if a density is negative or not finite.
@@ -84,7 +86,7 @@ pub trait Target: Sync {
         batch::place_strata_and_brdf_samples(self, condition, shape, points)
     }
 
-    /// The same for a validation set, which is not to depend on how training points are drawn.
+    /// Places points as [`place`](Self::place), but independent of how training points are drawn.
     ///
     /// # Errors
     /// As [`place`](Self::place).
@@ -98,14 +100,15 @@ pub trait Target: Sync {
 pub struct PointValues {
     /// The target, unnormalised, per unit area of Y: finite, at least 0.
     pub target: f32,
-    /// BRDF sampling pulled back to Y, per unit area of Y. Its integral is the share of BRDF samples that find light.
+    /// BRDF sampling pulled back to Y, per unit area of Y. Its integral is the fraction of BRDF samples that
+    /// find light.
     pub brdf: f32,
-    /// The density over X into which the tail carries the uniform one, at the point's image.
+    /// The density over X of the tail's image of uniform points, at the point's image.
     pub tail: f32,
 }
 
 impl PointValues {
-    /// A target without tail and BRDF sampling.
+    /// Returns the values of a target without tail and BRDF sampling.
     pub fn of(target: f32) -> Self {
         Self { target, brdf: 0.0, tail: 1.0 }
     }
@@ -113,7 +116,7 @@ impl PointValues {
 
 /// The points of one condition while they are placed. Every slice has one entry per point, `points` two.
 pub struct PlacedPoints<'a> {
-    /// Uniform numbers to begin with, points of Y in the end.
+    /// Uniform numbers on input, points of Y on output.
     pub points: &'a mut [f32],
     /// See [`PointValues::target`].
     pub densities: &'a mut [f32],
@@ -126,7 +129,7 @@ pub struct PlacedPoints<'a> {
 }
 
 impl PlacedPoints<'_> {
-    /// The same points for a while.
+    /// Reborrows the points.
     pub fn reborrow(&mut self) -> PlacedPoints<'_> {
         PlacedPoints {
             points: self.points,

@@ -1,4 +1,4 @@
-//! The product in X, without a tail: what the paper calls the naive flow has to learn the light too.
+//! The product in X, without a tail: the paper's naive flow, which has to learn the light too.
 
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
@@ -7,22 +7,22 @@ use headtail_render::{latlong, random::Stream};
 use super::{BatchShape, PlacedPoints, PointValues, TailMap, Target};
 use crate::Result;
 
-/// The density of `target` carried to X, light x BRDF x cosine x sin theta up to a factor.
+/// The density of `target` mapped to X, light x BRDF x cosine x sin theta up to a factor.
 ///
-/// Points are those of `target`, taken through the tail, and weigh what they cover in X: small lights are found whether or
-/// not the head has found them.
+/// Points are those of `target`, mapped through the tail, with weights proportional to the area that they
+/// cover in X: small lights are sampled even if the head misses them.
 pub struct NaiveTarget<'a> {
     target: Box<dyn Target + 'a>,
     tail: &'a dyn TailMap,
 }
 
 impl<'a> NaiveTarget<'a> {
-    /// `target` is in Y under `tail`.
+    /// Wraps `target`, which is in Y under `tail`.
     pub fn new(target: Box<dyn Target + 'a>, tail: &'a dyn TailMap) -> Self {
         Self { target, tail }
     }
 
-    /// Takes points of Y with their values to X.
+    /// Maps points of Y with their values to X.
     fn carry(&self, place: PlacedPoints<'_>) {
         let PlacedPoints { points, densities, weights, brdf, tails } = place;
         let (points, _) = points.as_chunks_mut::<2>();
@@ -86,9 +86,9 @@ mod tests {
     use super::*;
     use crate::{CosineTarget, Loss, Objective, integrand::Batch, loss::LossDerivatives, test_support::studio};
 
-    /// A density over X that is the tail's has the divergence that the uniform density has over Y.
+    /// If the density over X is the tail's, it has the divergence of the uniform density over Y.
     #[test]
-    fn divergences_do_not_depend_on_the_square_they_are_measured_in() {
+    fn divergences_are_equal_in_both_squares() {
         let tail = studio();
         let naive = NaiveTarget::new(Box::new(CosineTarget::new(&tail)), &tail);
         let shape = BatchShape { conditions: 6, strata: 16, brdf_samples: 64 };
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn values_at_a_point_are_those_of_the_batch() {
+    fn point_values_match_the_batch() {
         let tail = studio();
         let naive = NaiveTarget::new(Box::new(CosineTarget::new(&tail)), &tail);
         let shape = BatchShape { conditions: 4, strata: 8, brdf_samples: 0 };
@@ -121,7 +121,7 @@ mod tests {
             let at = naive.at(&batch.conditions[index / 64 * 3..][..3], [x[0], x[1]]).target;
             close += usize::from((at - batch.densities[index]).abs() <= 1e-2 * batch.densities[index]);
         }
-        // A point is rounded to 6e-8 of X, which at the edge of a light may be on its other side.
+        // A point is rounded to 6e-8 of X, which can cross the edge of a light.
         assert!(close > 250, "{close}");
     }
 }

@@ -1,4 +1,5 @@
-//! Light x BRDF x cosine, seen through patches of sky and a tail: what patches leave over for a head.
+//! Light x BRDF x cosine, seen through patches of sky and a tail: the residual that a head learns over
+//! patches.
 
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
@@ -11,10 +12,10 @@ use headtail_render::{
 
 use super::{PointValues, RenderedSurface, TailMap, TailPoint, Target, product::MAX_BRDF_DENSITY};
 
-/// The density over the square U that patches carry to Y: the target in Y over the density that patches draw with. Where the closed form is
-/// exact it is flat.
+/// The density over the square U that patches map to Y: the target in Y over the density of patches. It is
+/// flat where the closed form is exact.
 ///
-/// Points are uniform in U, so that patches draw them.
+/// Points are uniform in U, i.e. drawn by patches.
 pub struct PatchedTarget<'a, S> {
     surface: S,
     tail: &'a Tail,
@@ -22,7 +23,7 @@ pub struct PatchedTarget<'a, S> {
 }
 
 impl<'a, S: RenderedSurface> PatchedTarget<'a, S> {
-    /// Of a surface.
+    /// Builds the target of a surface.
     ///
     /// # Panics
     /// If the tail is not hierarchical.
@@ -52,7 +53,7 @@ impl<S: RenderedSurface> Target for PatchedTarget<'_, S> {
         let pdfs = self.surface.pdfs(condition, &directions);
         let values = |(((there, lobe), pdf), q): (((TailPoint, f32), f32), f32)| {
             if q <= 0.0 {
-                // Patches draw nothing here, as nothing reflects from there.
+                // Patches have no density here, because nothing is reflected from here.
                 return PointValues { target: 0.0, brdf: 0.0, tail: 1.0 };
             }
             let brdf = if pdf > 0.0 { (pdf / (there.pdf * q)).min(MAX_BRDF_DENSITY) } else { 0.0 };
@@ -91,7 +92,7 @@ mod tests {
         test_support::studio,
     };
 
-    /// Mean and standard error of the integral of the target, by one batch of a condition.
+    /// Returns mean and standard error of the integral of the target, from one batch of a condition.
     fn integral(batch: &Batch) -> (f64, f64) {
         let at = batch.condition(0);
         let terms: Vec<f64> = at.densities.iter().zip(at.weights).map(|(g, v)| f64::from(g * v)).collect();
@@ -100,9 +101,9 @@ mod tests {
         (mean, (terms.iter().map(|term| (term - mean).powi(2)).sum::<f64>() / count / count).sqrt())
     }
 
-    /// The warp changes where points are, not what light is reflected: whether points come from patches alone or from BRDF sampling too.
+    /// The warp changes points, not integrals: with points from patches alone and with BRDF sampling.
     #[test]
-    fn integrals_are_those_over_the_intermediate_square() {
+    fn integrals_equal_those_over_the_intermediate_square() {
         let tail = studio();
         let ggx = || Ggx::new(Viewpoints::Sphere, 0.2, 0.8);
         for detail in [Detail::Leaves, Detail::Twigs] {
@@ -125,7 +126,8 @@ mod tests {
                         let batch = draw(&**patched, 32, brdf_samples);
                         assert_eq!(batch.conditions, draw(&**plain, 2, 0).conditions);
                         let (found, error) = integral(&batch);
-                        // Strata make errors smaller than those of independent points; four of those for 48 figures.
+                        // Stratification makes errors smaller than those of independent points; 4 standard
+                        // errors of those for 48 estimates.
                         let bound = 4.0 * (error * error + noise * noise).sqrt() + 2e-3 * exact;
                         assert!((found - exact).abs() < bound, "{found} {exact} +- {bound}");
                     }
@@ -134,9 +136,9 @@ mod tests {
         }
     }
 
-    /// Without lamps that are smaller than a texel the closed form leaves little: the densities vary by a part of their mean only.
+    /// Without lamps smaller than a texel, densities vary only by a fraction of their mean.
     #[test]
-    fn what_patches_leave_over_is_nearly_flat() {
+    fn the_residual_of_patches_is_nearly_flat() {
         let tail = studio();
         let variance = |target: &dyn Target| {
             let shape = BatchShape { conditions: 16, strata: 32, brdf_samples: 0 };
@@ -155,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_of_diffuse_surfaces_are_all_and_of_narrow_lobes_half() {
+    fn mixture_weights_are_one_for_diffuse_surfaces_and_half_for_narrow_lobes() {
         let tail = studio();
         let logit = |alpha: f32| {
             let surface = Ggx::new(Viewpoints::Sphere, alpha, alpha);

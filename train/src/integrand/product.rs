@@ -6,10 +6,12 @@ use headtail_render::random::Stream;
 
 use super::{Lambert, PointValues, Surface, TailMap, TailPoint, Target};
 
-/// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is no number.
+/// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is
+/// NaN.
 pub(super) const MAX_BRDF_DENSITY: f32 = 1e12;
 
-/// `q*(y|c)`: a surface's lobe at the direction to which the tail takes `y`, times the light that the tail leaves over.
+/// `q*(y|c)`: a surface's lobe at the tail's direction for `y`, times the ratio of light to the tail's
+/// density.
 pub struct ProductTarget<'a, S> {
     surface: S,
     tail: &'a dyn TailMap,
@@ -19,19 +21,19 @@ pub struct ProductTarget<'a, S> {
 pub type CosineTarget<'a> = ProductTarget<'a, Lambert>;
 
 impl<'a> CosineTarget<'a> {
-    /// Of a diffuse surface.
+    /// Builds the target of a diffuse surface.
     pub fn new(tail: &'a dyn TailMap) -> Self {
         Self::of_surface(Lambert::default(), tail)
     }
 }
 
 impl<'a, S: Surface> ProductTarget<'a, S> {
-    /// Of a surface.
+    /// Builds the target of a surface.
     pub fn of_surface(surface: S, tail: &'a dyn TailMap) -> Self {
         Self { surface, tail }
     }
 
-    /// The surface.
+    /// Returns the surface.
     pub fn surface(&self) -> &S {
         &self.surface
     }

@@ -1,4 +1,4 @@
-//! Materials as training sees them: conditions, BRDF x cosine, BRDF sampling.
+//! Materials for training: conditions, BRDF x cosine, BRDF sampling.
 
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
@@ -14,34 +14,34 @@ use super::Viewpoints;
 
 /// A material and the distribution of conditions under which it is seen.
 pub trait Surface: Sync {
-    /// The layout of a condition.
+    /// Returns the layout of a condition.
     fn condition(&self) -> Condition;
 
     /// Draws a condition.
     fn draw_condition(&self, stream: &mut Stream, condition: &mut [f32]);
 
-    /// BRDF x cosine towards directions, up to a factor that may depend on the condition.
+    /// Returns BRDF x cosine towards directions, up to a factor that may depend on the condition.
     fn lobes(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32>;
 
-    /// BRDF sampling: directions for uniform numbers.
+    /// Draws directions by BRDF sampling from uniform numbers.
     fn samples(&self, condition: &[f32], u: &[Vec2]) -> Vec<Option<Vec3A>>;
 
-    /// The solid-angle pdfs of [`samples`](Self::samples).
+    /// Returns the solid-angle pdfs of [`samples`](Self::samples).
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32>;
 }
 
-/// A surface that the renderer has, too.
+/// A surface that the renderer also supports.
 pub trait RenderedSurface: Surface {
-    /// The surface of a condition as the renderer's samplers see it, one strip of copies.
+    /// Returns the surface of a condition for the renderer's samplers, as one strip of copies.
     fn point(&self, condition: &[f32]) -> OnePoint;
 }
 
-/// One strip of copies of a surface with a BRDF of a table.
+/// Returns one strip of copies of a surface with a BRDF of a table.
 pub(super) fn one_strip([wo, n]: [Vec3A; 2], surface: brdf::Surface, brdfs: &BrdfTable) -> OnePoint {
     OnePoint::of_table(&ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, LANES, brdfs)
 }
 
-/// The direction of a draw with its pdf, which is 0 where nothing was drawn.
+/// Returns the direction of a draw; `None` for a pdf of 0.
 pub(super) fn drawn((wi, pdf): (Vec3, f32)) -> Option<Vec3A> {
     (pdf > 0.0).then_some(wi.into())
 }
@@ -52,20 +52,20 @@ pub struct Lambert {
 }
 
 impl Lambert {
-    /// Normals of surfaces that are seen from `viewpoints`.
+    /// Draws normals of surfaces seen from `viewpoints`.
     pub fn seen_from(viewpoints: Viewpoints) -> Self {
         Self { viewpoints }
     }
 }
 
 impl Default for Lambert {
-    /// Normals uniform over the sphere.
+    /// Draws normals uniformly over the sphere.
     fn default() -> Self {
         Self::seen_from(Viewpoints::Sphere)
     }
 }
 
-/// A diffuse surface draws and weighs directions the same whatever its albedo and wherever it is seen from.
+/// Sampling of a diffuse surface does not depend on albedo or view direction.
 const DIFFUSE: brdf::Lambert = brdf::Lambert { albedo: Vec3::ONE };
 
 fn normal(condition: &[f32]) -> Vec3A {

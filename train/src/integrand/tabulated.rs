@@ -1,4 +1,5 @@
-//! The paper's way to draw training points: from a table of the product over the lat-long map, one for each condition.
+//! The paper's method of drawing training points: from a table of the product over the lat-long map, one per
+//! condition.
 
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
@@ -17,8 +18,9 @@ const ROWS: usize = 512;
 /// Columns of the table.
 const COLUMNS: usize = 1024;
 
-/// Points are drawn in proportion to light x BRDF x cosine x sin theta, tabulated in X at the centres of 512 x 1024 cells, and
-/// pulled back through the tail. It costs half a million evaluations per condition and is here as the reference.
+/// Draws points in proportion to light x BRDF x cosine x sin theta, tabulated in X at the centres of 512 x
+/// 1024 cells, and pulls them back through the tail. The reference method: it takes half a million
+/// evaluations per condition.
 pub struct TabulatedTarget<'a, S> {
     product: ProductTarget<'a, S>,
     tail: &'a Tail,
@@ -29,7 +31,7 @@ pub struct TabulatedTarget<'a, S> {
 }
 
 impl<'a, S: Surface> TabulatedTarget<'a, S> {
-    /// The table's geometry and light.
+    /// Computes the table's geometry and light.
     pub fn new(surface: S, tail: &'a Tail) -> Self {
         let centre = |index: usize| {
             let (row, column) = (index / COLUMNS, index % COLUMNS);
@@ -41,11 +43,11 @@ impl<'a, S: Surface> TabulatedTarget<'a, S> {
     }
 }
 
-/// The product at the centres of cells, summed up for inversion.
+/// The product at the centres of cells, as prefix sums for inversion.
 struct Table {
-    /// Sums of each row up to and with each cell.
+    /// Inclusive prefix sums of each row.
     sums: Vec<f32>,
-    /// Sums of the rows up to and with each row.
+    /// Inclusive prefix sums of the row totals.
     row_sums: Vec<f32>,
 }
 
@@ -66,7 +68,7 @@ impl Table {
         Self { sums, row_sums }
     }
 
-    /// A point of X and its density over X for two uniform numbers. The table is not empty.
+    /// Returns a point of X and its density over X for two uniform numbers. The table must not be empty.
     fn draw(&self, u: f32, v: f32) -> (Vec2, f32) {
         let (row, within_row) = invert_running_sums(&self.row_sums, v);
         let sums = &self.sums[row * COLUMNS..][..COLUMNS];
@@ -76,7 +78,7 @@ impl Table {
     }
 }
 
-/// How many times as often as an even share a cell of running sums is drawn.
+/// Returns the probability of a cell, from prefix sums, relative to the uniform probability.
 fn share_of(sums: &[f32], cell: usize) -> f32 {
     let before = if cell == 0 { 0.0 } else { sums[cell - 1] };
     (sums[cell] - before) / sums[sums.len() - 1] * sums.len() as f32
@@ -99,7 +101,7 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
         self.product.has_brdf_sampling()
     }
 
-    /// All points are drawn from the table, and the table is the target: every point weighs the same.
+    /// All points are drawn from the table, and the table is the target: all points have the same weight.
     fn place(&self, condition: &[f32], _: BatchShape, place: PlacedPoints<'_>) -> Result<()> {
         let surface = self.product.surface();
         let mut masses = surface.lobes(condition, &self.directions);
@@ -116,7 +118,7 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
         }
         let values = self.product.at_points(condition, points);
         for (index, ((values, (_, jacobian)), density)) in values.into_iter().zip(back).zip(densities).enumerate() {
-            // The table's cells reach into texels without light, whose points have no place in Y.
+            // The table's cells overlap texels without light, where points have no position in Y.
             let in_y = density / jacobian;
             if !(in_y > 0.0 && in_y.is_finite()) {
                 place.weights[index] = 0.0;
@@ -146,7 +148,7 @@ mod tests {
         test_support::studio,
     };
 
-    /// Means over the target, by points of the table and by strata of Y.
+    /// Compares means over the target from points of the table and from strata of Y.
     #[test]
     fn it_draws_points_of_the_same_target() {
         let tail = studio();
@@ -162,16 +164,16 @@ mod tests {
             let exact = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, index).unwrap();
             assert_eq!(drawn.conditions, exact.conditions);
             for f in [|y: &[f32]| y[1], |y: &[f32]| (std::f32::consts::TAU * y[0]).cos()] {
-                // 4096 independent points of a number of deviation below 0.7: four times 0.011.
+                // 4096 independent points with a standard deviation below 0.7: 4 standard errors of 0.011.
                 let (found, expected) = (mean(&drawn, &f), mean(&exact, &f));
                 assert!((found - expected).abs() < 0.044, "{found} {expected}");
             }
         }
     }
 
-    /// The table's density over Y is the normalised target, but for the size of its cells.
+    /// The table's density over Y is the normalised target, up to the cell size.
     #[test]
-    fn its_densities_are_those_of_the_target() {
+    fn its_densities_match_the_target() {
         let tail = studio();
         let tabulated = TabulatedTarget::new(Lambert::default(), &tail);
         let exact = CosineTarget::new(&tail);
@@ -184,7 +186,7 @@ mod tests {
                 let expected = exact.at(&drawn.conditions, [y[0], y[1]]).target / mean;
                 (**density / expected - 1.0).abs() < 0.1
             });
-            // At the edges of lights a cell and the map disagree.
+            // At the edges of lights, cell and map differ.
             let close = close.count();
             assert!(close > 850, "{close} of 1024");
         }

@@ -1,4 +1,4 @@
-//! A tail as training sees it: from Y to directions, and back.
+//! A tail for training: from Y to directions, and back.
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
@@ -7,34 +7,34 @@ use headtail_render::{
     tail::{Tail, TailWarp},
 };
 
-/// Where the tail takes a point of Y.
+/// The tail's image of a point of Y.
 #[derive(Clone, Copy, Debug)]
 pub struct TailPoint {
     /// The point's image in X.
     pub x: [f32; 2],
     /// The direction, world space.
     pub direction: Vec3A,
-    /// The direction's solid-angle pdf when Y is uniform.
+    /// The direction's solid-angle pdf if Y is uniform.
     pub pdf: f32,
-    /// The density over X at the point's image when Y is uniform: `|dy/dx|`.
+    /// The density over X at the point's image if Y is uniform: `|dy/dx|`.
     pub density: f32,
     /// The density of the light over [`TailPoint::density`]: 1 for an exact tail.
     pub light: f32,
 }
 
-/// A tail followed by the lat-long map. Lists of points go through it together, which is what tails are fast at.
+/// A tail followed by the lat-long map. Processes lists of points, for which tails are fastest.
 ///
-/// A function from Y to unit directions is one that knows no densities and no way back.
+/// Implemented also by functions from Y to unit directions, without densities and inverse.
 pub trait TailMap: Sync {
-    /// From points of Y to directions.
+    /// Maps points of Y to directions.
     fn forward(&self, y: &[[f32; 2]]) -> Vec<TailPoint>;
 
-    /// From directions to Y; `None` where there is no light.
+    /// Maps directions to Y; `None` where there is no light.
     fn inverse(&self, directions: &[Vec3A]) -> Vec<Option<[f32; 2]>> {
         vec![None; directions.len()]
     }
 
-    /// Whether [`inverse`](Self::inverse) and [`TailPoint::pdf`] mean something.
+    /// Returns whether [`inverse`](Self::inverse) and [`TailPoint::pdf`] are meaningful.
     fn is_invertible(&self) -> bool {
         false
     }

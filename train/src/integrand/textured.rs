@@ -20,11 +20,12 @@ use headtail_render::{
 
 use super::{RenderedSurface, Surface, Viewpoints};
 
-/// Where a condition holds what the texture says, and there the handedness.
+/// Offset of the texture's values and the handedness in a condition.
 const MATERIAL: usize = head::MAX_CONDITION - OF_MATERIAL;
 const HAND: usize = head::MAX_CONDITION - 1;
 
-/// A neural material. Points that a camera sees on other surfaces count as diffuse: the head has to serve them, too.
+/// A neural material. Points of other surfaces in the camera's view are treated as diffuse: the head has to
+/// serve them, too.
 pub struct TexturedSurface {
     viewpoints: Viewpoints,
     texture: Arc<NeuralTexture>,
@@ -33,13 +34,13 @@ pub struct TexturedSurface {
 }
 
 impl TexturedSurface {
-    /// A material seen from viewpoints.
+    /// Builds the surface of a material seen from viewpoints.
     pub fn new(viewpoints: Viewpoints, texture: Arc<NeuralTexture>) -> Self {
         let (table, index) = BrdfTable::default().with(texture.clone());
         Self { viewpoints, texture, table, index }
     }
 
-    /// Any place of the texture, any footprint and any tangent.
+    /// Draws a random position of the texture, footprint and tangent.
     fn anywhere(&self, wo: Vec3A, n: Vec3A, stream: &mut Stream) -> [f32; OF_MATERIAL] {
         let Frame { s, t, n } = Frame::from_normal(n.into());
         let (sin, cos) = (TAU * stream.uniform()).sin_cos();
@@ -57,7 +58,7 @@ impl TexturedSurface {
         numbers
     }
 
-    /// The shading point of a condition, so many times.
+    /// Returns `copies` of the shading point of a condition.
     fn points(&self, condition: &[f32], copies: usize) -> OnePoint {
         let (wo, n) = (Vec3A::from_slice(condition), Vec3A::from_slice(&condition[3..]));
         let surface = if condition[HAND] == 0.0 {
@@ -121,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn conditions_are_what_a_renderer_sees_of_the_scene() {
+    fn conditions_match_the_renderers_head_inputs() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../checkpoints/satin.safetensors");
         let text = format!("neural:{file},repeat=5");
         let texture = Arc::new(NeuralTexture::read(file.as_ref()).unwrap());
@@ -148,7 +149,7 @@ mod tests {
             assert!(
                 condition[HAND].abs() == 1.0 && n.dot(tangent).abs() < 1e-5 && (tangent.length() - 1.0).abs() < 1e-5
             );
-            // What the head sees in the renderer is the condition itself.
+            // The head's input in the renderer is the condition itself.
             let one = surface.points(&condition, 1);
             let seen: Vec<[f32; OF_MATERIAL]> =
                 one.map(&[Vec2::ZERO], |_: [&[_]; 2], out| one.tile().rows().textures(out, &one.arena)).collect();

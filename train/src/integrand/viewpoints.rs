@@ -1,4 +1,4 @@
-//! Where surfaces are seen from: the distribution of view direction and normal.
+//! The distribution of view direction and normal.
 
 use glam::Vec3A;
 use headtail_render::{
@@ -12,37 +12,38 @@ use headtail_render::{
 
 use crate::{Error, Result};
 
-/// The least cosine between normal and view direction: that of the renderer's shading normals.
+/// Smallest cosine between normal and view direction: that of the renderer's shading normals.
 const MIN_COSINE: f32 = 1e-2;
 
-/// Shading points that are taken from a scene.
+/// Number of shading points taken from a scene.
 const SEEN: usize = 1 << 15;
 
 /// A distribution of `(wo, n)`, unit vectors in world space with `n . wo >= 0.01`.
 #[derive(Clone, Debug)]
 pub enum Viewpoints {
-    /// Both uniform over the sphere, `wo` flipped to the side of `n` (the paper's).
+    /// Both uniform over the sphere, `wo` flipped to the side of `n` (as in the paper).
     Sphere,
-    /// One of a list.
+    /// A uniformly chosen element of a list.
     Seen(Vec<SeenPoint>),
 }
 
-/// A shading point that a camera sees.
+/// A shading point in a camera's view.
 #[derive(Clone, Copy, Debug)]
 pub struct SeenPoint {
     /// Direction to the viewer.
     pub wo: Vec3A,
     /// Shading normal.
     pub n: Vec3A,
-    /// What a neural material's texture says of the point, see [`headtail_render::head::Condition::Texture`]; zeros on other surfaces.
+    /// Texture values of a neural material at the point, see [`headtail_render::head::Condition::Texture`];
+    /// zeros on other surfaces.
     pub texture: [f32; OF_MATERIAL],
 }
 
 impl Viewpoints {
-    /// What a camera sees of a scene: shading points of rays that are uniform over its picture.
+    /// Collects a camera's shading points: those of rays that are uniform over its image.
     ///
     /// # Errors
-    /// [`Error::NothingSeen`] if almost no ray meets a surface.
+    /// [`Error::NothingSeen`] if almost no ray hits a surface.
     pub fn of_scene(scene: &Scene, camera: &Camera, width: usize, height: usize, seed: u64) -> Result<Self> {
         let mut stream = Stream::new(seed, Purpose::Batch, u64::MAX);
         let (mut seen, mut rays) = (Vec::with_capacity(SEEN), Vec::with_capacity(SEEN));
@@ -80,7 +81,7 @@ impl Viewpoints {
         }
     }
 
-    /// Draws a point that a camera sees; none where there is no camera.
+    /// Draws a point in the camera's view; `None` without a camera.
     pub fn draw_seen(&self, stream: &mut Stream) -> Option<SeenPoint> {
         match self {
             Self::Sphere => None,
@@ -102,7 +103,7 @@ fn pick(list: &[SeenPoint], stream: &mut Stream) -> SeenPoint {
     list[index.min(list.len() - 1)]
 }
 
-/// What textures say where rays meet surfaces, with the footprints of pixels that are `spread` radians apart.
+/// Looks up textures at ray hits, with the footprints of pixels that are `spread` radians apart.
 fn look_up_textures(scene: &Scene, rays: &[Ray], spread: f32, seen: &mut [SeenPoint]) {
     let (mut tile, mut hits, arena) = (Tile::default(), Vec::new(), Arena::default());
     for (rays, seen) in rays.chunks(4096).zip(seen.chunks_mut(4096)) {
@@ -132,7 +133,8 @@ mod tests {
                 assert!(n.dot(wo) >= MIN_COSINE && n.is_normalized() && wo.is_normalized());
                 mean += n / 2000.0;
             }
-            // Normals of the whole sphere, each coordinate with deviation 0.013; a camera sees those that face it.
+            // Normals of the whole sphere, each coordinate with standard deviation 0.013; those in a camera's
+            // view face it.
             assert_eq!(mean.length() < 0.1, matches!(viewpoints, Viewpoints::Sphere), "{mean}");
         }
     }

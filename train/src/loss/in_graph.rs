@@ -9,19 +9,20 @@ use crate::integrand::Batch;
 /// Stands for `ln 0`: its exponential is 0, and multiplied by 0 it is 0.
 const LOG_ZERO: f32 = -1e4;
 
-/// What the losses need of a batch, `[conditions, samples]` each.
+/// Constants of the losses for a batch, `[conditions, samples]` each.
 struct Constants {
     log_weights: Tensor<2>,
     log_densities: Tensor<2>,
     log_point_weights: Tensor<2>,
     log_brdf: Tensor<2>,
     log_tails: Tensor<2>,
-    /// `[conditions]`: one over the number of conditions that are lit, 0 for the others.
+    /// `[conditions]`: one over the number of lit conditions, 0 for the others.
     lit: Tensor<1>,
 }
 
 impl Objective {
-    /// The mean loss of a batch. `log_q` is `[conditions, samples]`, `share` are logits `[conditions, 1]`.
+    /// Returns the mean loss of a batch. `log_q` is `[conditions, samples]`, `share` are logits
+    /// `[conditions, 1]`.
     ///
     /// `None` if the target is zero under every condition.
     pub fn of_batch(&self, batch: &Batch, log_q: Tensor<2>, share: Option<Tensor<2>>) -> Option<Tensor<1>> {
@@ -78,7 +79,7 @@ impl Constants {
         })
     }
 
-    /// `[conditions]`.
+    /// Returns the losses, `[conditions]`.
     fn loss(&self, loss: Loss, log_q: &Tensor<2>, samples: usize) -> Tensor<1> {
         match loss {
             Loss::ForwardKl => {
@@ -102,7 +103,7 @@ impl Constants {
     }
 }
 
-/// `ln(p q + (1 - p) b)`.
+/// Returns `ln(p q + (1 - p) b)`.
 fn mix(log_q: Tensor<2>, logits: Tensor<2>, log_brdf: Tensor<2>) -> Tensor<2> {
     let p = share_of_logits(logits);
     let head = log_q + p.clone().log();
@@ -112,7 +113,7 @@ fn mix(log_q: Tensor<2>, logits: Tensor<2>, log_brdf: Tensor<2>) -> Tensor<2> {
     sum.log() + largest
 }
 
-/// Along dimension 1, which keeps length 1.
+/// Reduces dimension 1, which keeps length 1.
 fn log_sum_exp(terms: Tensor<2>) -> Tensor<2> {
     let largest = terms.clone().detach().max_dim(1);
     (terms - largest.clone()).exp().sum_dim(1).log() + largest

@@ -1,4 +1,5 @@
-//! Losses of one condition: value, and derivatives with respect to each log-density and to the share logit.
+//! Losses of one condition: value, and derivatives with respect to each log-density and to the mixture
+//! weight's logit.
 
 mod in_graph;
 #[cfg(test)]
@@ -13,39 +14,44 @@ use crate::{
     integrand::{Batch, ConditionPoints},
 };
 
-/// What training minimises, averaged over the conditions whose target is not zero everywhere.
+/// A training loss, averaged over the conditions whose target is not zero everywhere.
 ///
-/// At `n` points with weights `v_i` (one over their density) let `g_i` be the target, `w_i = v_i g_i / sum v g`, and
-/// `p_i = n g_i / sum v g` the target's density. Every loss is 0 for a perfect head, up to the noise of the points.
+/// At `n` points with weights `v_i` (one over their density) let `g_i` be the target,
+/// `w_i = v_i g_i / sum v g`, and `p_i = n g_i / sum v g` the target's density. All losses are 0 for a
+/// perfect head, up to the noise of the points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Loss {
-    /// Forward Kullback-Leibler divergence in nats, `sum_i w_i ln(p_i / q_i)`: weighted maximum likelihood, the paper's.
+    /// Forward Kullback-Leibler divergence in nats, `sum_i w_i ln(p_i / q_i)`: weighted maximum likelihood,
+    /// as in the paper.
     ForwardKl,
-    /// `ln sum_i w_i p_i / q_i = ln(1 + chi-square) = ln(1 + relative variance)`: what a renderer pays for, with gradients
-    /// that the logarithm bounds.
+    /// `ln sum_i w_i p_i / q_i = ln(1 + chi-square) = ln(1 + relative variance)`: the renderer's cost, with
+    /// gradients bounded by the logarithm.
     #[default]
     LogChiSquare,
-    /// The chi-square divergence itself, `sum_i w_i p_i / q_i - 1`: its gradients have the size of the largest weights. Here to show that.
+    /// The chi-square divergence itself, `sum_i w_i p_i / q_i - 1`: its gradients scale with the largest
+    /// weights. For comparison.
     ChiSquare,
-    /// Reverse Kullback-Leibler divergence `E_q[ln q - ln p]` in nats, by self-normalised importance sampling with the points
-    /// at hand: `sum_i u_i ln(u_i / w_i)`, `u_i = v_i q_i / sum v q`. Its derivative by `ln q_i` is `u_i (ln(u_i / w_i) - loss)`,
-    /// the score-function estimator of the gradient with the loss as its baseline. Unstable, as the paper found: where `q`
-    /// concentrates between the points it sees nothing, and it is content with one mode of the target. Here to show that.
+    /// Reverse Kullback-Leibler divergence `E_q[ln q - ln p]` in nats, by self-normalised importance sampling
+    /// with the given points: `sum_i u_i ln(u_i / w_i)`, `u_i = v_i q_i / sum v q`. Its derivative with
+    /// respect to `ln q_i` is `u_i (ln(u_i / w_i) - loss)`, the score-function estimator of the gradient with
+    /// the loss as its baseline. Unstable, as the paper found: it misses concentrations of `q` between the
+    /// points, and fits one mode of the target. For comparison.
     ReverseKl,
 }
 
-/// [`Loss::ReverseKl`] takes the target to be at least this share of its mean: the logarithm of 0 teaches nothing.
+/// [`Loss::ReverseKl`] clamps the target to at least this fraction of its mean: the logarithm of 0 has no
+/// useful gradient.
 const REVERSE_TARGET_FLOOR: f64 = 1e-4;
 
-/// [`Objective::entropic`] holds the logarithm of the density in this range, where its exponential is finite.
+/// [`Objective::entropic`] clamps the log-density to this range, where its exponential is finite.
 const ENTROPIC_RANGE: f32 = 60.0;
 
-/// [`Loss::ChiSquare`] is held below the exponential of this.
+/// [`Loss::ChiSquare`] is clamped to the exponential of this.
 const LARGEST_LOG_CHI_SQUARE: f32 = 60.0;
 
 impl Loss {
-    /// Every loss.
+    /// All losses.
     pub const ALL: [Self; 4] = [Self::ForwardKl, Self::LogChiSquare, Self::ChiSquare, Self::ReverseKl];
 }
 
@@ -60,12 +66,13 @@ impl std::fmt::Display for Loss {
 pub struct Objective {
     /// The loss.
     pub loss: Loss,
-    /// Factor `lambda` of the paper's entropic term `E_{x ~ p*}[q_X(x) ln q_X(x)]`, where `q_X` is the density over the sample
-    /// square X, the tail's Jacobian included (section 4.3 of the paper writes it with the density of the whole warp). It is
-    /// `integral p* q_X ln q_X`: a price on being dense where the target is, which grows faster than `q_X`, so that the
-    /// highest peaks are lowered and what they lose goes to where the target is faint. It pulls against the likelihood,
-    /// not towards another minimum, and hence is weighted lightly. In Y it would be another regulariser: the tail's density multiplies it
-    /// point by point, and a sun counts more than a sky.
+    /// Factor `lambda` of the paper's entropic term `E_{x ~ p*}[q_X(x) ln q_X(x)]`, where `q_X` is the
+    /// density over the sample square X, the tail's Jacobian included (section 4.3 of the paper writes it
+    /// with the density of the whole warp). It is `integral p* q_X ln q_X`: a penalty on high density where
+    /// the target is high, which grows faster than `q_X`, so that the highest peaks are lowered and their
+    /// mass moves to where the target is low. It opposes the likelihood instead of adding another minimum,
+    /// and hence has a small factor. In Y it would be another regulariser: the tail's density multiplies it
+    /// pointwise, and a sun counts more than a sky.
     pub entropic: f32,
 }
 
@@ -84,7 +91,7 @@ pub struct NormalizedTarget {
 }
 
 impl NormalizedTarget {
-    /// `None` if the target is zero at all points that count.
+    /// Normalises the target; `None` if it is zero at all points that are not excluded.
     pub fn new(points: &ConditionPoints<'_>) -> Option<Self> {
         let products = || points.densities.iter().zip(points.weights).map(|(&g, &v)| f64::from(g) * f64::from(v));
         let total: f64 = products().sum();
@@ -101,17 +108,17 @@ impl NormalizedTarget {
 
 /// Derivatives of one condition's loss.
 pub struct LossDerivatives<'a> {
-    /// By the log-density of the head at each point; overwritten.
+    /// With respect to the head's log-density at each point; overwritten.
     pub d_log_q: &'a mut [f32],
-    /// By the share logit.
+    /// With respect to the mixture weight's logit.
     pub d_share: f32,
 }
 
 impl Objective {
-    /// The loss of one condition and its derivatives; `None` if the target is zero at all its points.
+    /// Returns the loss of one condition and its derivatives; `None` if the target is zero at all its points.
     ///
-    /// `log_q` is the head's log-density. With a share logit the loss is that of the mixture
-    /// `q_mix = p q + (1 - p) b` with BRDF sampling `b`, and the derivatives go through it.
+    /// `log_q` is the head's log-density. With a mixture weight logit, the loss is that of the mixture
+    /// `q_mix = p q + (1 - p) b` with BRDF sampling `b`, and the derivatives propagate through it.
     pub fn evaluate(
         &self,
         points: &ConditionPoints<'_>,
@@ -138,10 +145,11 @@ impl Objective {
         Some(loss)
     }
 
-    /// The sum of the losses of conditions from `first` on that have any light. Of the derivatives, `d_log_q` is overwritten, and
-    /// `d_shares` where there is light.
+    /// Returns the sum of the losses of lit conditions from `first` on. Of the derivatives, `d_log_q` is
+    /// overwritten, `d_shares` only for lit conditions.
     ///
-    /// `log_q` has the log-densities of all their points; `shares` are logits, or empty where no share is learned.
+    /// `log_q` has the log-densities of all their points; `shares` are logits, or empty without learned
+    /// mixture weight.
     pub fn evaluate_conditions(
         &self,
         batch: &Batch,
@@ -166,7 +174,7 @@ impl Objective {
         sum
     }
 
-    /// The loss for the log-density that samples have, and its derivatives.
+    /// Returns the loss for the log-density of samples, and its derivatives.
     fn of_density(
         &self,
         target: &NormalizedTarget,
@@ -243,7 +251,7 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
     let mut loss = 0.0;
     for ((point, &log_p), d) in weights.iter().zip(log_q).zip(&target.log_densities).zip(derivatives.iter_mut()) {
         let log_u = log_u(point) - log_sum;
-        // ln(u / w) with w held up where the target is zero.
+        // ln(u / w), with w clamped where the target is zero.
         *d = log_u - (log_p.max(floor) + point.0.ln() - count);
         if *point.0 > 0.0 {
             loss += log_u.exp() * *d;
@@ -255,10 +263,10 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
     loss
 }
 
-/// `q_mix = p q + (1 - p) b`, where `p` is the share.
+/// The mixture `q_mix = p q + (1 - p) b`, where `p` is the mixture weight.
 struct Mixture {
     share: f32,
-    /// Derivative of the share by the logit.
+    /// Derivative of the mixture weight with respect to its logit.
     d_logit: f32,
 }
 
@@ -269,14 +277,14 @@ impl Mixture {
         Self { share, d_logit: (share - floor) * (1.0 - floor - share) / (1.0 - 2.0 * floor) }
     }
 
-    /// `ln q_mix`.
+    /// Returns `ln q_mix`.
     fn log(&self, log_q: f32, b: f32) -> f32 {
         let (head, brdf) = (self.share.ln() + log_q, (1.0 - self.share).ln() + b.ln());
         let largest = head.max(brdf);
         largest + ((head - largest).exp() + (brdf - largest).exp()).ln()
     }
 
-    /// The head's part of `q_mix`, `p q / q_mix`.
+    /// Returns the head's part of `q_mix`, `p q / q_mix`.
     fn head_part(&self, log_q: f32, log_mixed: f32) -> f32 {
         (self.share.ln() + log_q - log_mixed).exp().min(1.0)
     }

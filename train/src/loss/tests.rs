@@ -4,7 +4,7 @@ use super::{Loss, LossDerivatives, NormalizedTarget, Objective};
 use crate::integrand::ConditionPoints;
 
 const DENSITIES: [f32; 6] = [0.0, 1.0, 3.0, 0.5, 0.0, 2.0];
-/// The last point does not count.
+/// The last point is excluded.
 const WEIGHTS: [f32; 6] = [1.0, 0.5, 2.0, 1.0, 0.3, 0.0];
 const BRDF: [f32; 6] = [0.0, 0.3, 2.0, 5.0, 1.0, 0.0];
 const TAILS: [f32; 6] = [0.5, 1.0, 3.0, 0.1, 1.0, 0.0];
@@ -67,7 +67,7 @@ fn the_entropic_term_is_the_mean_of_q_ln_q_under_the_target() {
 
 #[test]
 fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
-    // A sum of logits of 0 is an equal share of both.
+    // Logits that sum to 0 give mixture weight 1/2.
     let mixed: Vec<f32> = LOG_Q.iter().zip(BRDF).map(|(log_q, b)| (0.5 * log_q.exp() + 0.5 * b).ln()).collect();
     for objective in objectives() {
         let (expected, ..) = evaluate(objective, &POINTS, &mixed, None);
@@ -77,11 +77,12 @@ fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
 }
 
 #[test]
-fn derivatives_are_those_of_central_differences() {
+fn derivatives_match_central_differences() {
     for objective in objectives() {
         for logit in [None, Some(-0.7), Some(1.3)] {
             let (_, d_log_q, d_share) = evaluate(objective, &POINTS, &LOG_Q, logit);
-            // f32 differences over 0.04: rounding 4e-7 / 0.04, truncation 0.02^2 / 6 of a third derivative of up to 4.
+            // f32 differences over 0.04: rounding 4e-7 / 0.04, truncation 0.02^2 / 6 times a third derivative
+            // of up to 4.
             let close = |found: f32, high: f32, low: f32, what: &str| {
                 let difference = (high - low) / 0.04;
                 assert!((found - difference).abs() < 3e-4, "{objective:?} {logit:?} {what}: {found} {difference}");

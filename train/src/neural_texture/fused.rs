@@ -1,7 +1,7 @@
 //! A step's gradient without a tensor library: lookups, networks, loss and their derivatives in one pass.
 //!
-//! Matrices are `[features, samples]`, row-major, so that samples lie in SIMD lanes; only products of matrices are left to a library. The
-//! result is that of the graph in `graph.rs` to rounding.
+//! Matrices are `[features, samples]`, row-major, so that samples lie in SIMD lanes; only matrix products use
+//! a library. The result equals that of the graph in `graph.rs` to rounding.
 
 use std::{f32::consts::FRAC_1_PI, ops::Range};
 
@@ -17,12 +17,13 @@ use rayon::prelude::*;
 use super::{LEAKY_SLOPE, Samples, layout::Layout, loss::Weighting};
 use crate::fused::{BackwardScratch, Hidden, Layer, Matrix};
 
-/// Parts of a batch whose gradients are summed in order: a fixed number, so that the sum does not depend on the threads.
+/// Number of parts of a batch whose gradients are summed in order: fixed, so that the sum does not depend on
+/// the number of threads.
 const PARTS: usize = 4;
 /// Samples that go through the networks side by side.
 const GROUP: usize = 256;
 
-/// Gradients of one layout, with what they are computed in.
+/// Computes gradients of one layout; holds the buffers.
 pub struct FusedGradient {
     layout: Layout,
     layers: [Vec<Layer>; 3],
@@ -37,14 +38,14 @@ struct Part {
     group: Group,
 }
 
-/// What is known of the samples of a group on the way forward, and derivatives on the way back.
+/// State of a group's samples on the forward pass, and derivatives on the backward pass.
 #[derive(Default)]
 struct Group {
-    /// `[features + 2, samples]`: features of the place itself, `wo.xy`.
+    /// `[features + 2, samples]`: features of the position itself, `wo.xy`.
     place: Vec<f32>,
-    /// `[features + 4, samples]`: features of the shifted place, `wo.xy`, `wi.xy`.
+    /// `[features + 4, samples]`: features of the shifted position, `wo.xy`, `wi.xy`.
     seen: Vec<f32>,
-    /// Shifted places.
+    /// Shifted positions.
     shifted: Vec<Vec2>,
     hidden: [Hidden; 3],
     /// Outputs of the networks.
@@ -52,13 +53,13 @@ struct Group {
     logs: Vec<f32>,
     mixture: Vec<f32>,
     scratch: BackwardScratch,
-    /// Derivatives by what a network gives, and by what it was given.
+    /// Derivatives with respect to a network's output; below, its input.
     d_output: Vec<f32>,
     d_input: Vec<f32>,
 }
 
 impl FusedGradient {
-    /// For materials of this layout.
+    /// Creates buffers for materials of this layout.
     pub fn new(layout: Layout) -> Self {
         let layers = layout.networks().map(|(sizes, mut start)| {
             let layer = |size: &[usize]| {
@@ -71,7 +72,7 @@ impl FusedGradient {
         Self { layout, layers, parts: (0..PARTS).map(|_| Part::default()).collect() }
     }
 
-    /// The mean error of the samples, and the gradient of all losses.
+    /// Returns the mean error of the samples, and the gradient of all losses.
     pub fn gradient(&mut self, weights: &[f32], samples: &Samples) -> (f32, Vec<f32>) {
         let weighting = Weighting::new(samples);
         let (count, side) = (samples.len(), self.layout.side());
@@ -91,7 +92,7 @@ impl FusedGradient {
     }
 }
 
-/// A part's share of a step.
+/// One part of a step.
 struct Work<'a> {
     part: &'a mut Part,
     side: usize,
@@ -159,7 +160,7 @@ impl Group {
         through(&layers[2], &mut hidden[2], job.weights, &seen[..(FEATURES + 2) * count], count, mixture);
     }
 
-    /// Adds to the gradient; the sum of the group's errors.
+    /// Adds to the gradient and returns the sum of the group's errors.
     #[inline(always)]
     fn backward(&mut self, job: &Job<'_>, layers: &[Vec<Layer>; 3], gradient: &mut [f32]) -> f32 {
         let count = job.range.len();
@@ -175,7 +176,7 @@ impl Group {
                 d_output[row * count + k] = -weight * derivative;
             }
         }
-        // Lobes do not act back on the features.
+        // Lobes do not propagate to the features.
         let mixture_seen = &seen[..(FEATURES + 2) * count];
         back(&layers[2], &hidden[2], job.weights, mixture_seen, d_output, count, scratch, gradient);
 
@@ -203,13 +204,13 @@ impl Group {
     }
 }
 
-/// The direction that a lookup is shifted in, and how far for a depth of 1.
+/// Returns the direction of a lookup's shift, and its length for a depth of 1.
 #[inline(always)]
 fn slope(wo: Vec3) -> Vec2 {
     Vec2::new(wo.x, wo.y) / wo.z.max(LEAST_SHIFT_COSINE)
 }
 
-/// Writes the features of a place to column `k` of the first rows.
+/// Writes the features of a position to column `k` of the first rows.
 #[inline(always)]
 fn store(job: &Job<'_>, uv: Vec2, level: f32, rows: &mut [f32], count: usize, k: usize) {
     let texels = job.texels();
@@ -224,7 +225,7 @@ fn store(job: &Job<'_>, uv: Vec2, level: f32, rows: &mut [f32], count: usize, k:
     }
 }
 
-/// Adds derivatives by looked up features to those by texels, which are the first of the weights.
+/// Propagates derivatives from looked-up features to texels, which come first in the weights.
 #[inline(always)]
 fn scatter(taps: &[(usize, f32); 8], derivatives: &[f32; FEATURES], gradient: &mut [f32]) {
     let texels = gradient.as_chunks_mut::<FEATURES>().0;
@@ -235,7 +236,7 @@ fn scatter(taps: &[(usize, f32); 8], derivatives: &[f32; FEATURES], gradient: &m
     }
 }
 
-/// Derivatives by the place of a lookup.
+/// Returns the derivatives with respect to the position of a lookup.
 #[inline(always)]
 fn slope_of_lookup(job: &Job<'_>, taps: &[(usize, f32); 8], uv: Vec2, level: f32, d: &[f32; FEATURES]) -> Vec2 {
     let (texels, coarsest) = (job.texels(), job.side.ilog2());
@@ -245,7 +246,7 @@ fn slope_of_lookup(job: &Job<'_>, taps: &[(usize, f32); 8], uv: Vec2, level: f32
     let mut sum = Vec2::ZERO;
     for (k, share) in [(0, 1.0 - between), (1, between)] {
         let side = (job.side >> (below + k as u32).min(coarsest)) as f32;
-        // The same steps as in the lookup, so that both find the same texel.
+        // The same operations as in the lookup, so that both find the same texel.
         let inside = |x: f32| {
             let x = (x - x.floor()) * side - 0.5;
             x - x.floor()
@@ -259,14 +260,14 @@ fn slope_of_lookup(job: &Job<'_>, taps: &[(usize, f32); 8], uv: Vec2, level: f32
     sum
 }
 
-/// A network over the columns of its input.
+/// Evaluates a network over the columns of its input.
 #[inline(always)]
 fn through(layers: &[Layer], hidden: &mut Hidden, flat: &[f32], input: &[f32], count: usize, out: &mut Vec<f32>) {
     layers[0].forward(flat, Matrix::new(input, layers[0].inputs, count), hidden.first(layers));
     hidden.forward(layers, flat, LEAKY_SLOPE, count, out);
 }
 
-/// Adds the derivatives by a network's weights; those by the first layer's output stay in `scratch`.
+/// Adds the derivatives of a network's weights; those of the first layer's output remain in `scratch`.
 #[expect(clippy::too_many_arguments, reason = "a network's way back takes all that its way forward left")]
 #[inline(always)]
 fn back(
@@ -285,7 +286,7 @@ fn back(
     layers[0].add_gradient(d_first, Matrix::new(input, layers[0].inputs, count), gradient);
 }
 
-/// Errors of a group and their derivatives by `ln f_r`.
+/// Computes errors of a group and their derivatives with respect to `ln f_r`.
 #[inline(always)]
 fn errors(job: &Job<'_>, logs: &[f32], d_logs: &mut [f32]) -> f32 {
     let count = job.range.len();
@@ -299,7 +300,7 @@ fn errors(job: &Job<'_>, logs: &[f32], d_logs: &mut [f32]) -> f32 {
         sum += weight * apart.length_squared();
         let derivative = 2.0 * weight * apart * value;
         for channel in 0..3 {
-            // Beyond the largest logarithm nothing moves.
+            // Beyond the largest logarithm the derivative is zero.
             d_logs[channel * count + k] = if raw[channel] < LARGEST_LOG { derivative[channel] } else { 0.0 };
         }
     }
@@ -311,8 +312,8 @@ fn simd_exp(raw: f32) -> f32 {
     simd::exp(if raw < LARGEST_LOG { raw } else { LARGEST_LOG })
 }
 
-/// Derivatives of the logarithms of both mixtures' densities by the network's outputs: share, widths and shift of the first; share and
-/// width of the second.
+/// Computes derivatives of the log-densities of both mixtures with respect to the network's outputs: mixture
+/// weight, widths and shift of the first; mixture weight and width of the second.
 #[inline(always)]
 fn likelihood(raw: &[f32; 7], wo: Vec3, wi: Vec3) -> [f32; 7] {
     let h = wo + wi;
@@ -328,7 +329,7 @@ fn likelihood(raw: &[f32; 7], wo: Vec3, wi: Vec3) -> [f32; 7] {
         let q = 1.0 + apart.dot(apart);
         let lobe = FRAC_1_PI * jacobian / (q * q * widths.x * widths.y);
         let density = share * lobe + (1.0 - share) * cosine;
-        // Derivatives of the logarithm by share, widths and middle.
+        // Derivatives of the logarithm with respect to mixture weight, widths and centre.
         let of_lobe = share * lobe / density;
         let by_widths = of_lobe * (4.0 * apart * apart / q - Vec2::ONE) / widths;
         ((lobe - cosine) / density, by_widths, of_lobe * 4.0 * apart / (q * widths))

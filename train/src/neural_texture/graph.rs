@@ -1,4 +1,4 @@
-//! The material in the tensor library: what the renderer's evaluation and the fused gradient are held against.
+//! The material in the tensor library: the reference for the renderer's evaluation and the fused gradient.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -28,7 +28,7 @@ struct Tensors {
 }
 
 impl Layout {
-    /// The weights in the tensor library.
+    /// Returns the weights as tensors.
     fn tensors(&self, weights: &[f32], device: &Device) -> Tensors {
         let tensor = |values: &[f32], shape: [usize; 2]| {
             Tensor::<2>::from_data(TensorData::new(values.to_vec(), shape), device).require_grad()
@@ -49,7 +49,7 @@ impl Layout {
         Tensors { texels, networks }
     }
 
-    /// The mean error, and the gradient of all losses.
+    /// Returns the mean error, and the gradient of all losses.
     pub fn gradient(&self, weights: &[f32], samples: &Samples, device: &Device) -> (f32, Vec<f32>) {
         let tensors = self.tensors(weights, device);
         let features = self.features(&tensors, samples, device);
@@ -58,7 +58,7 @@ impl Layout {
 
         let flat: Vec<f32> = samples.values.iter().flat_map(Vec3::to_array).collect();
         let truth = Tensor::<2>::from_data(TensorData::new(flat, [samples.len(), 3]), device);
-        // Weights are constants: no gradient goes through them.
+        // Sample weights are constants: no gradient propagates through them.
         let weighting = Weighting::new(samples);
         let of = |value: &[f32; 3]| [weighting.of(Vec3::from_array(*value)); 3];
         let known = values.clone().detach().try_into_vec_as::<f32>().expect("values are readable");
@@ -80,7 +80,7 @@ impl Layout {
         (error.into_scalar::<f32>(), flat)
     }
 
-    /// Features of the shifted places: `[samples, FEATURES]`.
+    /// Returns the features of the shifted positions: `[samples, FEATURES]`.
     fn features(&self, tensors: &Tensors, samples: &Samples, device: &Device) -> Tensor<2> {
         let count = samples.len();
         let column =
@@ -104,12 +104,13 @@ impl Layout {
         self.lookup(tensors, &places, &samples.levels, device)
     }
 
-    /// The trilinear lookup at places that gradients go back to.
+    /// Performs the trilinear lookup at positions that gradients propagate to.
     fn lookup(&self, tensors: &Tensors, places: &Tensor<2>, levels: &[f32], device: &Device) -> Tensor<2> {
         let known = places.clone().detach().try_into_vec_as::<f32>().expect("places are readable");
         let count = levels.len();
         let mut texels = Vec::with_capacity(8 * count);
-        // Of the two levels: texels along an axis, what is subtracted from places in texels, the level's share.
+        // For each of the two levels: texels along an axis, texel offset of the positions, the level's
+        // weight.
         let mut of_levels = [(); 2].map(|()| (Vec::new(), Vec::new(), Vec::new()));
         for (uv, &level) in known.as_chunks::<2>().0.iter().zip(levels) {
             let taps = Pyramid::taps(self.side(), Vec2::from_array(*uv), level);
@@ -120,7 +121,7 @@ impl Layout {
             for (k, (sides, starts, shares)) in of_levels.iter_mut().enumerate() {
                 let side = (self.side() >> (below + k as u32).min(coarsest)) as f32;
                 sides.push(side);
-                // The same steps as in the renderer, so that both find the same texel.
+                // The same operations as in the renderer, so that both find the same texel.
                 starts.extend(uv.map(|x| x.floor() * side + ((x - x.floor()) * side - 0.5).floor() + 0.5));
                 shares.push(if k == 0 { 1.0 - between } else { between });
             }
@@ -140,7 +141,7 @@ impl Layout {
     }
 }
 
-/// Sums of eight texels each with weights `[samples, 8]`.
+/// Returns sums of eight texels each, with weights `[samples, 8]`.
 fn gathered(texels: &Tensor<2>, indices: Vec<i32>, weights: Tensor<2>, device: &Device) -> Tensor<2> {
     let count = indices.len() / 8;
     let indices = Tensor::<1, Int>::from_data(TensorData::new(indices, [8 * count]), device);
@@ -148,7 +149,7 @@ fn gathered(texels: &Tensor<2>, indices: Vec<i32>, weights: Tensor<2>, device: &
     (all * weights.reshape([count, 8, 1])).sum_dim(1).reshape([count, FEATURES])
 }
 
-/// Leaky ReLU after all layers but the last.
+/// Evaluates a network with leaky ReLU after all layers but the last.
 fn network(layers: &[(Tensor<2>, Tensor<2>)], mut x: Tensor<2>) -> Tensor<2> {
     for (index, (weight, bias)) in layers.iter().enumerate() {
         x = x.matmul(weight.clone().transpose()) + bias.clone();
@@ -167,7 +168,7 @@ struct Directions {
     lights: Tensor<2>,
     /// `[samples, 1]`.
     cos_i: Tensor<2>,
-    /// Slopes of half vectors, and what a density over them is multiplied by to be one in solid angle.
+    /// Slopes of half vectors, and the Jacobian from their density to solid angle.
     slopes: Tensor<2>,
     jacobian: Tensor<2>,
 }
@@ -191,14 +192,14 @@ impl Directions {
         }
     }
 
-    /// `f_r cos` per channel.
+    /// Returns `f_r cos` per channel.
     fn reflectance(&self, tensors: &Tensors, features: Tensor<2>) -> Tensor<2> {
         let seen = Tensor::cat(vec![features, self.views.clone(), self.lights.clone()], 1);
         let logs = network(&tensors.networks[1], seen).clamp_max(LARGEST_LOG);
         logs.exp() * self.cos_i.clone()
     }
 
-    /// The mean over samples, in proportion to what they reflect, of the logarithms of both mixtures' densities.
+    /// Returns the mean log-density of both mixtures over samples, weighted by their reflectance.
     fn likelihood(&self, tensors: &Tensors, features: Tensor<2>, samples: &Samples, device: &Device) -> Tensor<1> {
         let raw = network(&tensors.networks[2], Tensor::cat(vec![features, self.views.clone()], 1));
         let column = |k: usize, count: usize| raw.clone().narrow(1, k, count);
@@ -214,7 +215,7 @@ impl Directions {
         ((moved + round) * weights).sum()
     }
 
-    /// Logarithm of a mixture's density for slopes relative to the middle of its lobe.
+    /// Returns a mixture's log-density for slopes relative to the centre of its lobe.
     fn log_density(&self, share: Tensor<2>, widths: Tensor<2>, slopes: Tensor<2>) -> Tensor<2> {
         let q = (slopes / widths.clone()).powi_scalar(2).sum_dim(1).add_scalar(1.0);
         let area = widths.clone().narrow(1, 0, 1) * widths.narrow(1, 1, 1);
@@ -224,9 +225,9 @@ impl Directions {
     }
 }
 
-/// What the tensor library makes of a material: `f_r cos` per channel for each question.
+/// Returns `f_r cos` per channel for each query, computed by the tensor library.
 pub fn predict(side: usize, weights: &[f32], samples: &Samples, device: &Device) -> Vec<Vec3> {
-    // Leaves of a graph need a device that keeps one.
+    // Leaves of a graph need an autodiff device.
     let device = &device.clone().autodiff();
     let layout = Layout::new(side);
     let tensors = layout.tensors(weights, device);

@@ -1,4 +1,4 @@
-//! Where the weights of a material are in one list.
+//! The layout of a material's weights in one list.
 
 use headtail_render::{
     brdf::neural_texture::{
@@ -13,30 +13,32 @@ use crate::Result;
 /// Sizes of the networks in the order of their weights.
 pub(super) const NETWORKS: [&[usize]; 3] = [&SHIFT_SIZES, &REFLECTANCE_SIZES, &MIXTURE_SIZES];
 
-/// Where weights are in one list: texels, then for each network layer by layer a row-major `[out, in]` weight and a bias.
+/// The order of weights in one list: texels, then for each network layer by layer a row-major `[out, in]`
+/// weight and a bias.
 #[derive(Clone, Debug)]
 pub struct Layout {
     side: usize,
 }
 
 impl Layout {
-    /// The layout for a texture of `side` texels along an axis.
+    /// Returns the layout for a texture of `side` texels along an axis.
     pub fn new(side: usize) -> Self {
         Self { side }
     }
 
-    /// Texels of all levels.
+    /// Returns the number of texels of all levels.
     pub fn texels(&self) -> usize {
         Pyramid::texel_count(self.side)
     }
 
-    /// How many weights there are.
+    /// Returns the number of weights.
     pub fn weight_count(&self) -> usize {
         let layers = NETWORKS.iter().flat_map(|sizes| sizes.windows(2));
         FEATURES * self.texels() + layers.map(|size| (size[0] + 1) * size[1]).sum::<usize>()
     }
 
-    /// Weights before the first step: small random texels, networks as PyTorch has them, and no shift.
+    /// Returns the weights before the first step: small random texels, networks initialised as in PyTorch,
+    /// and no shift.
     pub fn initial_weights(&self, seed: u64) -> Vec<f32> {
         let mut random = Stream::new(seed, Purpose::Weights, 0);
         let mut weights: Vec<f32> = (0..FEATURES * self.texels()).map(|_| 0.2 * (random.uniform() - 0.5)).collect();
@@ -50,10 +52,10 @@ impl Layout {
         weights
     }
 
-    /// The renderer's form.
+    /// Returns the renderer's form.
     ///
     /// # Errors
-    /// When a weight is not finite.
+    /// If a weight is not finite.
     pub fn material(&self, weights: &[f32], description: Description) -> Result<NeuralTexture> {
         let (texels, mut rest) = weights.split_at(FEATURES * self.texels());
         let pyramid = Pyramid::new(self.side, texels.as_chunks().0.to_vec())?;
@@ -74,12 +76,12 @@ impl Layout {
         Ok(NeuralTexture::new(pyramid, Networks { shift, reflectance, mixture, leaky_slope }, description)?)
     }
 
-    /// Texels along an axis of the finest level.
+    /// Returns the texels along an axis of the finest level.
     pub(super) fn side(&self) -> usize {
         self.side
     }
 
-    /// Sizes of each network and where its weights begin.
+    /// Returns the sizes of each network and the offset of its weights.
     pub(super) fn networks(&self) -> [(&'static [usize], usize); 3] {
         let mut start = FEATURES * self.texels();
         NETWORKS.map(|sizes| {

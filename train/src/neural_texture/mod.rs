@@ -1,8 +1,9 @@
 //! Fitting a neural material to samples of a bidirectional texture.
 //!
-//! Each step asks the source for new samples, so that nothing is learned by heart. One light path per sample is enough: the loss is a
-//! squared error with weights of its own (`loss.rs`), whose gradient has the same mean whatever the noise of the samples (Lehtinen et al. 2018).
-//! Lobes for sampling are fitted in the same steps, by maximum likelihood under the samples, and do not act back on the features.
+//! Each step draws new samples from the source, which prevents overfitting. One light path per sample is
+//! enough: the loss is a squared error with its own weights (`loss.rs`), whose gradient has the same mean for
+//! any noise of the samples (Lehtinen et al. 2018). Lobes for sampling are fitted in the same steps, by
+//! maximum likelihood under the samples, and do not propagate to the features.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -36,16 +37,16 @@ use fused::FusedGradient;
 /// Slope of the leaky ReLU of the networks.
 pub const LEAKY_SLOPE: f32 = 0.01;
 
-/// What a fit is set by.
+/// Settings of a fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// Texels along an axis of the finest level: a power of two.
     pub side: usize,
     /// Training steps.
     pub steps: usize,
-    /// Samples of a step.
+    /// Samples per step.
     pub batch: usize,
-    /// Light paths of a sample.
+    /// Light paths per sample.
     pub paths: u32,
     /// Seed of weights and samples.
     pub seed: u64,
@@ -55,7 +56,7 @@ impl Settings {
     /// Checks the ranges.
     ///
     /// # Errors
-    /// [`Error::Config`] that names the field.
+    /// [`Error::Config`] naming the field.
     pub fn check(&self) -> Result<()> {
         if !self.side.is_power_of_two() || self.side > 512 {
             let value = self.side.to_string();
@@ -80,15 +81,15 @@ impl Settings {
     }
 }
 
-/// Peak learning rate of the networks; that of the texels is the optimiser's.
+/// Peak learning rate of the networks; the texels use the optimiser's.
 const NETWORK_RATE: f64 = 4e-3;
 
-/// Fits a material with this name to a source, and returns it with the last state, whose mean loss
-/// is that of weighted squared errors. A resumed run ends with the same bits; the state of an
-/// interrupted run has fewer steps.
+/// Fits a material with this name to a source, and returns it with the last state, whose mean loss is that of
+/// weighted squared errors. A resumed run ends with bit-identical weights; the state of an interrupted run
+/// has fewer steps.
 ///
 /// # Errors
-/// When a setting is out of range, the weights have diverged, or for an error of `run`.
+/// If a setting is out of range or the weights have diverged, and errors of `run`.
 pub fn fit_material(
     settings: &Settings,
     name: &str,

@@ -13,17 +13,18 @@ use super::samples::answers;
 /// Distances of the camera, in tiles, and half the tangent of its field of view.
 pub const DISTANCES: [f32; 3] = [2.5, 7.0, 20.0];
 const HALF_HEIGHT: f32 = 0.268;
-/// Pixels of a picture, and between two.
+/// Side length of a picture, and the gap between two, in pixels.
 const SIDE: usize = 192;
 const GAP: usize = 4;
-/// Directions and strengths of the lights: a white diffuse surface that faces a light of strength 1 has a radiance of 1.
+/// Directions and strengths of the lights: a white diffuse surface that faces a light of strength 1 has
+/// radiance 1.
 const LIGHTS: [([f32; 3], f32); 3] = [([0.1, 0.75, 0.65], 0.8), ([-0.7, 0.1, 0.7], 0.3), ([0.75, -0.45, 0.5], 0.3)];
 
-/// What a source is asked for by [`side_by_side`].
+/// Number of queries to a source by [`side_by_side`].
 pub const QUERIES: usize = DISTANCES.len() * LIGHTS.len() * SIDE * SIDE;
 
-/// Rows of pictures from near to far, the source on the left and the material on the right, and for each row the peak signal-to-noise ratio
-/// in dB. The source is asked for `paths` light paths for each pixel and light.
+/// Returns rows of pictures from near to far, the source on the left and the material on the right, and for
+/// each row the peak signal-to-noise ratio in dB. The source uses `paths` light paths per pixel and light.
 pub fn side_by_side(source: &dyn Source, material: &NeuralTexture, paths: u32) -> (Image, Vec<f64>) {
     let mut image = Image::black(2 * SIDE + GAP, DISTANCES.len() * (SIDE + GAP) - GAP);
     image.pixels.fill([1.0; 3]);
@@ -43,7 +44,7 @@ pub fn side_by_side(source: &dyn Source, material: &NeuralTexture, paths: u32) -
     (image, errors)
 }
 
-/// Radiances of the pixels under all lights.
+/// Returns the radiances of the pixels under all lights.
 fn picture(distance: f32, answer: impl Fn(&[Query]) -> Vec<Vec3>) -> Vec<Vec3> {
     let mut sum = vec![Vec3::ZERO; SIDE * SIDE];
     for (light, strength) in LIGHTS {
@@ -53,7 +54,7 @@ fn picture(distance: f32, answer: impl Fn(&[Query]) -> Vec<Vec3>) -> Vec<Vec3> {
     sum
 }
 
-/// What the pixels of a camera ask for that looks down at the cloth, 40 degrees from its normal.
+/// Returns the queries of a camera's pixels that looks down at the cloth, 40 degrees from its normal.
 fn queries(distance: f32, wi: Vec3) -> Vec<Query> {
     let (sin, cos) = 40.0_f32.to_radians().sin_cos();
     let eye = distance * Vec3::new(0.0, -sin, cos);

@@ -1,4 +1,4 @@
-//! Samples of a bidirectional texture: where it is asked, and what it answers.
+//! Samples of a bidirectional texture: queries and answers.
 
 use std::f32::consts::{PI, TAU};
 
@@ -13,17 +13,17 @@ use headtail_render::{
 
 use super::Settings;
 
-/// Probabilities that a direction is uniform in the projected disk, or mirrored about a slope of [`SLOPES`]; else it is uniform over the
-/// hemisphere. Directions to the viewer are not mirrored.
+/// Probabilities that a direction is uniform in the projected disk, or mirrored about a slope of [`SLOPES`];
+/// otherwise it is uniform over the hemisphere. Directions to the viewer are not mirrored.
 const DISK_SHARE: f32 = 0.5;
 const MIRROR_SHARE: f32 = 0.25;
 /// Slopes of half vectors of mirrored directions.
 const SLOPES: Mixture = Mixture { share: 1.0, widths: Vec2::splat(0.35), shift: Vec2::ZERO };
 
-/// Questions with estimates of their answers.
+/// Queries with estimates of their answers.
 #[derive(Clone, Debug, Default)]
 pub struct Samples {
-    /// What was asked.
+    /// The queries.
     pub queries: Vec<Query>,
     /// Levels of the footprints.
     pub levels: Vec<f32>,
@@ -34,7 +34,7 @@ pub struct Samples {
 }
 
 impl Samples {
-    /// The samples of a step; equal settings and steps give equal samples.
+    /// Draws the samples of a step; equal settings and steps give equal samples.
     pub fn draw(source: &dyn Source, settings: &Settings, step: usize) -> Self {
         let mut random = Stream::new(settings.seed, Purpose::Batch, step as u64);
         let mut samples = Self::questions(settings.side, settings.batch, &mut random);
@@ -43,7 +43,8 @@ impl Samples {
         samples
     }
 
-    /// Questions without answers: places uniform over the tile, levels more often fine than coarse.
+    /// Draws queries without answers: positions are uniform over the tile, levels more often fine than
+    /// coarse.
     pub fn questions(side: usize, count: usize, random: &mut Stream) -> Self {
         let mut samples = Self::default();
         for _ in 0..count {
@@ -58,23 +59,23 @@ impl Samples {
         samples
     }
 
-    /// How many.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.queries.len()
     }
 
-    /// Whether there is none.
+    /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.queries.is_empty()
     }
 
-    /// Luminances of the values.
+    /// Iterates over the luminances of the values.
     pub fn luminances(&self) -> impl Iterator<Item = f32> {
         self.values.iter().map(|&value| luminance(value.into()))
     }
 }
 
-/// A direction above [`MIN_COSINE`].
+/// Draws a direction above [`MIN_COSINE`].
 fn direction(random: &mut Stream) -> Vec3 {
     let (u, disk) = (random.uniform2(), random.uniform() < DISK_SHARE);
     let squared = 1.0 - u.x * (1.0 - MIN_COSINE * MIN_COSINE);
@@ -82,7 +83,7 @@ fn direction(random: &mut Stream) -> Vec3 {
     ((1.0 - z * z).max(0.0).sqrt() * Vec2::from_angle(TAU * u.y)).extend(z)
 }
 
-/// A direction to the light. Mirrored directions below [`MIN_COSINE`] are drawn again, from all kinds.
+/// Draws a direction to the light. Mirrored directions below [`MIN_COSINE`] are drawn again, from all kinds.
 fn light(wo: Vec3, random: &mut Stream) -> Vec3 {
     loop {
         if random.uniform() >= MIRROR_SHARE {
@@ -95,27 +96,27 @@ fn light(wo: Vec3, random: &mut Stream) -> Vec3 {
     }
 }
 
-/// The density of [`direction`] in solid angle.
+/// Returns the density of [`direction`] in solid angle.
 fn density(w: Vec3) -> f32 {
     let disk = w.z / (PI * (1.0 - MIN_COSINE * MIN_COSINE));
     let hemisphere = 1.0 / (TAU * (1.0 - MIN_COSINE));
     DISK_SHARE * disk + (1.0 - DISK_SHARE) * hemisphere
 }
 
-/// How far a material is from its source, in dB.
+/// Difference between a material and its source, in dB.
 #[derive(Clone, Copy, Debug)]
 pub struct Decibels {
-    /// Peak signal-to-noise ratio: from the mean of squared differences of `pi f_r cos`, which is 1 for a white diffuse surface that faces
-    /// the light. Highlights of glossy cloth are far above this peak.
+    /// Peak signal-to-noise ratio: from the mean of squared differences of `pi f_r cos`, which is 1 for a
+    /// white diffuse surface that faces the light. Highlights of glossy cloth are far above this peak.
     pub psnr: f64,
-    /// The same of the truth itself, as far as it is known.
+    /// Peak signal-to-noise ratio of the reference, as an estimate of its noise.
     pub noise: f64,
-    /// Signal-to-noise ratio: the mean square of the truth over that of the differences.
+    /// Signal-to-noise ratio: the mean square of the reference over that of the differences.
     pub snr: f64,
 }
 
-/// A material against its source over `count` questions that no training asks. The truth is the mean of `paths` light paths; its noise
-/// is measured from two halves of them.
+/// Compares a material with its source over `count` queries that are not used for training. The reference is
+/// the mean of `paths` light paths; its noise is measured from two halves of them.
 pub fn error_over(source: &dyn Source, material: &NeuralTexture, count: usize, paths: u32, seed: u64) -> Decibels {
     let mut random = Stream::new(seed, Purpose::Validation, 0);
     let mut asked = Samples::questions(material.pyramid().side(), count, &mut random);
@@ -125,14 +126,14 @@ pub fn error_over(source: &dyn Source, material: &NeuralTexture, count: usize, p
     let squared = |a: &Vec3, b: &Vec3| f64::from((PI * (*a - *b)).length_squared()) / 3.0;
     let mean = |sum: f64| (sum / count as f64).max(f64::MIN_POSITIVE);
     let error = mean(asked.values.iter().zip(&answers).map(|(a, b)| squared(a, b)).sum());
-    // The mean of both halves has a quarter of the variance of their difference.
+    // The mean of both halves has 1/4 of the variance of their difference.
     let noise = mean(halves[0].iter().zip(&halves[1]).map(|(a, b)| squared(a, b)).sum()) / 4.0;
     let signal = mean(asked.values.iter().map(|value| squared(value, &Vec3::ZERO)).sum());
     let decibels = |error: f64| -10.0 * error.log10();
     Decibels { psnr: decibels(error), noise: decibels(noise.max(f64::MIN_POSITIVE)), snr: decibels(error / signal) }
 }
 
-/// What a material answers, as a renderer evaluates it.
+/// Returns a material's answers, as a renderer evaluates it.
 pub fn answers(material: &NeuralTexture, queries: &[Query]) -> Vec<Vec3> {
     use headtail_render::{
         brdf::{Brdf, Surfaces},
@@ -143,7 +144,7 @@ pub fn answers(material: &NeuralTexture, queries: &[Query]) -> Vec<Vec3> {
     let mut columns = arena.columns::<23>(strips(queries.len()));
     let mut all = columns.get_mut();
     for (k, query) in queries.iter().enumerate() {
-        // The first axis of the frame of +z is +x: local directions are those of the world.
+        // The first axis of the frame of +z is +x: local directions equal world directions.
         let seen = Seen { uv: query.uv, width: query.width, wo: query.wo, tangent: [1.0, 0.0, 1.0] };
         let numbers = [0.0, 0.0, 1.0].into_iter().chain(query.wo.to_array()).chain(query.wi.to_array());
         for (column, number) in all.iter_mut().zip(numbers.chain(material.parameters(&seen))) {

@@ -9,7 +9,7 @@ use headtail_render::{
 use super::{graph::predict, samples::answers, *};
 use crate::{Backend, StateFile, test_support::train_until};
 
-/// A surface that is diffuse and of one colour.
+/// A diffuse surface of one colour.
 struct Plain;
 
 impl Source for Plain {
@@ -22,7 +22,7 @@ fn small(steps: usize) -> Settings {
     Settings { side: 8, steps, batch: 512, paths: 1, seed: 3 }
 }
 
-/// A fit that is interrupted after `stop_at` steps.
+/// Runs a fit that is interrupted after `stop_at` steps.
 fn fit(
     settings: &Settings,
     source: &dyn Source,
@@ -33,12 +33,12 @@ fn fit(
 }
 
 #[test]
-fn the_renderer_computes_what_the_tensor_library_does() {
+fn the_renderer_matches_the_tensor_library() {
     for seed in 0..3 {
         let layout = Layout::new(16);
         let mut random = Stream::new(seed, Purpose::Test, 0);
         let initial = layout.initial_weights(seed);
-        // Larger texels and a shift: what a trained material has.
+        // Larger texels and a shift, as in a trained material.
         let weights: Vec<f32> = initial.iter().map(|w| 2.0 * w + 0.1 * (random.uniform() - 0.5)).collect();
         let material = layout.material(&weights, Description::new("test", LEAKY_SLOPE)).unwrap();
         let samples = Samples::questions(16, 600, &mut random);
@@ -53,19 +53,19 @@ fn the_renderer_computes_what_the_tensor_library_does() {
 }
 
 #[test]
-fn the_fused_gradient_is_that_of_the_graph() {
+fn the_fused_gradient_matches_the_graph() {
     for seed in 0..3 {
         let layout = Layout::new(16);
         let mut random = Stream::new(seed, Purpose::Test, 1);
         let initial = layout.initial_weights(seed);
         let weights: Vec<f32> = initial.iter().map(|w| 2.0 * w + 0.1 * (random.uniform() - 0.5)).collect();
-        // More than a group, and no whole number of them.
+        // More than one group, and not a whole number of groups.
         let mut samples = Samples::questions(16, 1500, &mut random);
         samples.values = Layered::lacquer().reflect(&samples.queries, 1, seed);
         let device = Backend::Flex.device().unwrap().autodiff();
         let (expected_error, expected) = layout.gradient(&weights, &samples, &device);
         let mut fused = FusedGradient::new(layout);
-        // Twice, as buffers are used again.
+        // Twice, because buffers are reused.
         for _ in 0..2 {
             let (error, gradient) = fused.gradient(&weights, &samples);
             assert!((error / expected_error - 1.0).abs() < 1e-5, "{error} {expected_error}");
@@ -91,7 +91,7 @@ fn a_plain_surface_is_learned() {
 }
 
 #[test]
-fn a_fit_that_was_interrupted_ends_as_one_that_was_not() {
+fn an_interrupted_fit_ends_like_an_uninterrupted_one() {
     let (settings, source) = (small(4), Layered::lacquer());
     let (_, whole) = fit(&settings, &source, None, usize::MAX).unwrap();
     let folder = tempfile::tempdir().unwrap();

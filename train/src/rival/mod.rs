@@ -1,13 +1,15 @@
-//! Training the samplers of [`headtail_render::rival`]: they learn to draw in proportion to what a material reflects, whatever the light.
+//! Training the samplers of [`headtail_render::rival`]: they learn to draw in proportion to the material's
+//! reflectance, for any light.
 //!
-//! Each step draws views and places anew, and for each of them directions by the material's own sampling, with weights that make them ones
-//! of `f_r cos`. The loss is the cross-entropy of the sampler under these, per view. Lobes and flows have their density in the graph. The
-//! reparameterised sampler has no inverse there: the renderer finds the point that each direction comes from, and the gradient of the
-//! density there follows from the implicit function theorem (`model.rs`).
+//! Each step draws new views and positions, and for each of them directions by the material's own sampling,
+//! weighted to be distributed as `f_r cos`. The loss is the cross-entropy of the sampler under these, per
+//! view. Lobes and flows have their density in the graph. The reparameterised sampler has no closed-form
+//! inverse: the renderer finds the point that maps to each direction, and the gradient of the density there
+//! follows from the implicit function theorem (`model.rs`).
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `points.rs` | views, and directions in proportion to what a material reflects |
+//! | `points.rs` | views, and directions in proportion to reflectance |
 //! | `model.rs` | densities with gradients |
 
 mod model;
@@ -28,19 +30,19 @@ use serde::{Deserialize, Serialize};
 use crate::{Backend, FitConfig, Result, Run, StepGradient, TrainingState, config::within, trainer::Trainer};
 use points::Points;
 
-/// Views of a batch that one thread takes through the networks.
+/// Number of views that one thread evaluates together.
 const SHARD: usize = 16;
 
-/// What the training of a rival is set by.
+/// Settings of the training of a rival.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RivalSettings {
     /// Which sampler.
     pub kind: RivalKind,
     /// Training steps.
     pub steps: usize,
-    /// Views (with places) of a step.
+    /// Views (with positions) per step.
     pub views: usize,
-    /// Directions of each.
+    /// Directions per view.
     pub directions: usize,
     /// Peak learning rate.
     pub learning_rate: f64,
@@ -49,7 +51,7 @@ pub struct RivalSettings {
 }
 
 impl RivalSettings {
-    /// The settings for a kind.
+    /// Returns the default settings for a kind.
     pub fn new(kind: RivalKind) -> Self {
         Self { kind, steps: 2000, views: 128, directions: 64, learning_rate: 4e-3, seed: 0 }
     }
@@ -57,7 +59,7 @@ impl RivalSettings {
     /// Checks the ranges.
     ///
     /// # Errors
-    /// [`crate::Error::Config`] that names the field.
+    /// [`crate::Error::Config`] naming the field.
     pub fn check(&self) -> Result<()> {
         within("steps", self.steps, 1..=10_000_000, "in 1..=10000000")?;
         within("views", self.views, 1..=4096, "in 1..=4096")?;
@@ -79,15 +81,15 @@ impl RivalSettings {
     }
 }
 
-/// Directions of a step: what a tile holds.
+/// Largest number of directions per view: the capacity of a tile.
 const MOST_DIRECTIONS: usize = headtail_render::tile::MAX_POINTS;
 
-/// Trains a sampler for a material, and returns it with the last state, whose mean loss is the
-/// cross-entropy in nats, over solid angle. A resumed run ends with the same bits; the state of an
-/// interrupted run has fewer steps.
+/// Trains a sampler for a material, and returns it with the last state, whose mean loss is the cross-entropy
+/// in nats, over solid angle. A resumed run ends with bit-identical weights; the state of an interrupted run
+/// has fewer steps.
 ///
 /// # Errors
-/// When a setting is out of range, the weights have diverged, or for an error of `run`.
+/// If a setting is out of range or the weights have diverged, and errors of `run`.
 pub fn fit_rival(settings: &RivalSettings, material: &RivalMaterial, run: Run<'_>) -> Result<(Rival, TrainingState)> {
     settings.check()?;
     let config = settings.optimizer();
@@ -99,7 +101,7 @@ pub fn fit_rival(settings: &RivalSettings, material: &RivalMaterial, run: Run<'_
     Ok((model::native(settings.kind, &state.parameters.weights)?, state))
 }
 
-/// Loss and gradient of a step.
+/// Returns loss and gradient of a step.
 fn gradient(
     settings: &RivalSettings,
     material: &RivalMaterial,
@@ -112,7 +114,7 @@ fn gradient(
     let shards = batch.split(SHARD);
     let rival = model::native(kind, weights)?;
     let threads = rayon::current_num_threads().min(shards.len()).max(1);
-    // Threads of their own, not rayon's: a step of the backward pass holds its graph's lock.
+    // Separate threads, not rayon's: a step of the backward pass holds its graph's lock.
     let parts: Vec<(f32, Vec<f32>)> = std::thread::scope(|scope| {
         let (rival, work) = (&rival, |shards: &[Points], rival: &Rival| -> Vec<_> {
             shards.iter().map(|shard| model::gradient(kind, weights, rival, shard, device)).collect()
@@ -136,7 +138,7 @@ fn gradient(
     Ok(StepGradient { loss, d_weight })
 }
 
-/// What a sampler knows of a point, in the tangent frame: features and the direction to the viewer.
+/// Inputs of a sampler at a point, in the tangent frame: features and the direction to the viewer.
 #[derive(Clone, Copy, Debug)]
 struct View {
     features: [f32; FEATURES],

@@ -23,8 +23,9 @@ use crate::Result;
 /// A network's layers: weights `[out, in]` and biases `[1, out]`.
 type Layers = Vec<(Tensor<2>, Tensor<2>)>;
 
-/// Weights before the first step, network by network and layer by layer: a row-major `[out, in]` weight, then a bias, as PyTorch has them. Last
-/// layers of splines and of the reparameterised sampler are zero: they begin as the identity.
+/// Returns the weights before the first step, network by network and layer by layer: a row-major `[out, in]`
+/// weight, then a bias, initialised as in PyTorch. Last layers of splines and of the reparameterised sampler
+/// are zero: they start as the identity.
 pub fn initial_weights(kind: RivalKind, seed: u64) -> Vec<f32> {
     let mut random = Stream::new(seed, Purpose::Weights, 0);
     let mut weights = Vec::new();
@@ -38,10 +39,10 @@ pub fn initial_weights(kind: RivalKind, seed: u64) -> Vec<f32> {
     weights
 }
 
-/// The renderer's form.
+/// Returns the renderer's form.
 ///
 /// # Errors
-/// When a weight is not finite.
+/// If a weight is not finite.
 pub fn native(kind: RivalKind, weights: &[f32]) -> Result<Rival> {
     let mut rest = weights;
     let mut networks = Vec::new();
@@ -69,7 +70,7 @@ fn tensors(kind: RivalKind, weights: &[f32], device: &Device) -> Vec<Layers> {
     networks.map(|(_, sizes)| sizes.windows(2).map(|s| (take(s[1], s[0]), take(1, s[1]))).collect()).collect()
 }
 
-/// The cross-entropy over solid angle, averaged over views, and the gradient of the loss.
+/// Returns the cross-entropy over solid angle, averaged over views, and the gradient of the loss.
 pub fn gradient(kind: RivalKind, weights: &[f32], rival: &Rival, points: &Points, device: &Device) -> (f32, Vec<f32>) {
     let networks = tensors(kind, weights, device);
     let batch = Columns { points, device };
@@ -114,18 +115,19 @@ impl Columns<'_> {
         Tensor::from_data(TensorData::new(values, [rows, columns]), self.device)
     }
 
-    /// A number of each direction, `[views, directions]`, from its view's number and its own.
+    /// Returns one number per direction, `[views, directions]`, from the indices of its view and of the
+    /// direction.
     fn each(&self, of: impl Fn(usize, usize) -> f32) -> Tensor<2> {
         let each = self.points.directions();
         self.matrix((0..self.points.wi.len()).map(|k| of(k / each, k)).collect(), each)
     }
 
-    /// What networks see of each view, `[views, VIEW_CONDITION]`.
+    /// Returns the network inputs of each view, `[views, VIEW_CONDITION]`.
     fn conditions(&self) -> Tensor<2> {
         self.matrix(self.points.views.iter().flat_map(condition).collect(), VIEW_CONDITION)
     }
 
-    /// The same for each direction, `[views * directions, VIEW_CONDITION]`.
+    /// Returns the network inputs of each direction, `[views * directions, VIEW_CONDITION]`.
     fn repeated_conditions(&self) -> Tensor<2> {
         let each = self.points.directions();
         let repeated = |view: &View| std::iter::repeat_n(condition(view), each).flatten();
@@ -133,7 +135,7 @@ impl Columns<'_> {
     }
 }
 
-/// Features, `wo.xy` and its waves.
+/// Returns features, `wo.xy` and its sinusoidal encoding.
 fn condition(view: &View) -> [f32; VIEW_CONDITION] {
     let mut out = [0.0; VIEW_CONDITION];
     out[..FEATURES].copy_from_slice(&view.features);
@@ -148,7 +150,7 @@ fn condition(view: &View) -> [f32; VIEW_CONDITION] {
     out
 }
 
-/// A coordinate and its waves, with their slopes.
+/// Returns a coordinate and its sinusoidal encoding, with their derivatives.
 fn coordinate(x: f32) -> [[f32; COORDINATE]; 2] {
     let (mut out, mut slopes) = ([0.0; COORDINATE], [0.0; COORDINATE]);
     (out[0], slopes[0]) = (x, 1.0);
@@ -161,7 +163,7 @@ fn coordinate(x: f32) -> [[f32; COORDINATE]; 2] {
     [out, slopes]
 }
 
-/// Leaky ReLU after all layers but the last.
+/// Evaluates a network with leaky ReLU after all layers but the last.
 fn network(layers: &Layers, mut x: Tensor<2>) -> Tensor<2> {
     for (index, (weight, bias)) in layers.iter().enumerate() {
         x = x.matmul(weight.clone().transpose()) + bias.clone();
@@ -173,7 +175,7 @@ fn network(layers: &Layers, mut x: Tensor<2>) -> Tensor<2> {
     x
 }
 
-/// Logarithms of the density over the disk, `[views, directions]`.
+/// Returns the log-density over the disk, `[views, directions]`.
 fn log_density(networks: &[Layers], kind: RivalKind, batch: &Columns<'_>) -> Tensor<2> {
     match kind {
         RivalKind::Flow => log_flow(networks, batch),
@@ -232,11 +234,13 @@ fn log_flow(networks: &[Layers], batch: &Columns<'_>) -> Tensor<2> {
     squared.mul_scalar(-0.5) - log_width(0) - log_width(1) + log_first + log_second - TAU.ln()
 }
 
-/// A loss with the gradient of the cross-entropy of the reparameterised sampler, and the cross-entropy over solid angle.
+/// Returns a loss with the gradient of the cross-entropy of the reparameterised sampler, and the
+/// cross-entropy over solid angle.
 ///
 /// A direction `s = F(p; w)` is fixed, so `p` moves with the weights: `dp/dw = -J^-1 dF/dw`. Therefore
-/// `d ln q / dw = -d ln |det J| / dw - (J^-T v) . dF/dw` with `v` the gradient of `ln q` by `p`: that of `-ln |det J| - pull . F` with
-/// `p` and `pull` fixed. The cosine lobe takes its share of the gradient away.
+/// `d ln q / dw = -d ln |det J| / dw - (J^-T v) . dF/dw` with `v` the gradient of `ln q` with respect to `p`:
+/// that of `-ln |det J| - pull . F` with `p` and `pull` fixed. The cosine lobe reduces the gradient by its
+/// responsibility.
 fn implicit(layers: &Layers, batch: &Columns<'_>, traced: &[Traced]) -> (Tensor<1>, f32) {
     let points = batch.points;
     let count = traced.len();
@@ -270,7 +274,7 @@ fn implicit(layers: &Layers, batch: &Columns<'_>, traced: &[Traced]) -> (Tensor<
         by = by.map(|by| (by * slope.clone()).matmul(weight.clone()));
         x = (x * s).matmul(weight) + bias.clone();
     }
-    // The outputs, and their derivatives by p: dd/dp is symmetric.
+    // The outputs, and their derivatives with respect to p: dd/dp is symmetric.
     let d_by_p = [
         column(&|k| inverse(k) * (1.0 - disk(k, 0).powi(2))),
         column(&|k| -inverse(k) * disk(k, 0) * disk(k, 1)),
@@ -308,7 +312,7 @@ fn implicit(layers: &Layers, batch: &Columns<'_>, traced: &[Traced]) -> (Tensor<
     (((determinant + pulled) * weight).sum(), value)
 }
 
-/// What the tensor library makes of a sampler: the logarithm of the density over the disk for each direction. For tests.
+/// Returns the log-density over the disk for each direction, computed by the tensor library. For tests.
 #[cfg(test)]
 pub fn log_densities(kind: RivalKind, weights: &[f32], points: &Points, device: &Device) -> Vec<f32> {
     let networks = tensors(kind, weights, device);

@@ -1,4 +1,4 @@
-//! Views of a material, and directions in proportion to what it reflects.
+//! Views of a material, and directions in proportion to its reflectance.
 
 use std::{f32::consts::TAU, sync::Arc};
 
@@ -22,23 +22,23 @@ use serde::Serialize;
 use super::View;
 use crate::{Error, Result};
 
-/// The least cosine of views.
+/// Smallest cosine of views.
 const LEAST_COSINE: f32 = 0.02;
 
 /// A material that samplers are trained for.
 pub struct RivalMaterial {
-    /// What files call it.
+    /// Its name in files.
     pub name: String,
-    /// What samplers know it by.
+    /// Its hash, by which samplers identify it.
     pub identity: blake3::Hash,
     table: BrdfTable,
     index: u32,
-    /// Where it has a texture.
+    /// Its texture, if it has one.
     texture: Option<Arc<NeuralTexture>>,
 }
 
 impl RivalMaterial {
-    /// The materials of `nbrdf:FILE#NAME,...` or `neural:FILE`.
+    /// Opens the materials of `nbrdf:FILE#NAME,...` or `neural:FILE`.
     ///
     /// # Errors
     /// The file cannot be read, or it is another kind of material.
@@ -54,24 +54,25 @@ impl RivalMaterial {
         }
     }
 
-    /// A measured material.
+    /// Wraps a measured material.
     pub fn measured(brdf: Arc<NeuralBrdf>) -> Self {
         let (name, identity) = (brdf.name().to_owned(), brdf.identity().expect("measured materials have one"));
         let (table, index) = BrdfTable::default().with(brdf);
         Self { name, identity, table, index, texture: None }
     }
 
-    /// A neural material over a surface.
+    /// Wraps a neural material over a surface.
     pub fn textured(texture: Arc<NeuralTexture>) -> Self {
         let (name, identity) = (texture.description().name.clone(), texture.hash());
         let (table, index) = BrdfTable::default().with(texture.clone());
         Self { name, identity, table, index, texture: Some(texture) }
     }
 
-    /// A view from above: at a place and a footprint where there is a texture, in the plane of x and z where there is none.
+    /// Draws a view from above: with a texture at a random position and footprint, without one in the xz
+    /// plane.
     fn view(&self, random: &mut Stream) -> ([f32; MAX_PARAMETERS], View) {
         let u = random.uniform2();
-        // Half of them uniform over the hemisphere, half over the projected disk.
+        // 50 % uniform over the hemisphere, 50 % over the projected disk.
         let squared = 1.0 - u.x;
         let z = if random.uniform() < 0.5 { squared } else { squared.sqrt() }.max(LEAST_COSINE);
         let turn = if self.texture.is_some() { Vec2::from_angle(TAU * u.y) } else { Vec2::X };
@@ -82,7 +83,7 @@ impl RivalMaterial {
         };
         let side = texture.pyramid().side();
         let level = side.ilog2() as f32 * of_level * of_level;
-        // The first axis of the frame of +z is +x: local directions are those of the world.
+        // The first axis of the frame of +z is +x: local directions equal world directions.
         let width = TEXEL_WIDTH / side as f32 * level.exp2();
         let parameters = texture.parameters(&Seen { uv, width, wo, tangent: [1.0, 0.0, 1.0] });
         let mut features = [0.0; FEATURES];
@@ -90,7 +91,7 @@ impl RivalMaterial {
         (parameters, View { features, wo: wo.to_array() })
     }
 
-    /// A tile of each view so many times.
+    /// Returns a tile with `copies` points per view.
     fn tile(&self, views: &[([f32; MAX_PARAMETERS], View)], copies: usize) -> Tile {
         let point = |(parameters, view): &([f32; MAX_PARAMETERS], View)| ShadingPoint {
             p: Vec3A::ZERO,
@@ -104,7 +105,7 @@ impl RivalMaterial {
     }
 }
 
-/// Directions with pdfs and the luminance that is reflected towards them; a pdf of 0 is no sample.
+/// Directions with pdfs and reflected luminance; a pdf of 0 is not a sample.
 type Drawn = Vec<(Vec3, f32, f32)>;
 
 /// Draws a direction for each point of a tile.
@@ -129,17 +130,17 @@ fn draw(tile: &Tile, random: &mut Stream, by: &dyn Sampler) -> Drawn {
     (0..tile.len()).map(one).collect()
 }
 
-/// Views with directions, and the weights of these, which sum to 1 for each view.
+/// Views with directions, and weights, which sum to 1 for each view.
 #[derive(Clone, Debug)]
 pub(super) struct Points {
     pub views: Vec<View>,
-    /// As many for each view.
+    /// The same number for each view.
     pub wi: Vec<[f32; 3]>,
     pub weights: Vec<f32>,
 }
 
 impl Points {
-    /// The points of a step; equal seeds and steps give equal points.
+    /// Draws the points of a step; equal seeds and steps give equal points.
     pub fn draw(material: &RivalMaterial, views: usize, directions: usize, seed: u64, step: u64) -> Self {
         let mut random = Stream::new(seed, Purpose::Batch, step);
         let views: Vec<_> = (0..views).map(|_| material.view(&mut random)).collect();
@@ -158,17 +159,17 @@ impl Points {
         Self { views: views.into_iter().map(|(_, view)| view).collect(), wi, weights }
     }
 
-    /// How many views.
+    /// Returns the number of views.
     pub fn views(&self) -> usize {
         self.views.len()
     }
 
-    /// Directions of a view.
+    /// Returns the number of directions per view.
     pub fn directions(&self) -> usize {
         self.wi.len() / self.views.len()
     }
 
-    /// Parts of at most `size` views.
+    /// Splits into parts of at most `size` views.
     pub fn split(&self, size: usize) -> Vec<Self> {
         let each = self.directions();
         let part = |start: usize| {
@@ -184,19 +185,19 @@ impl Points {
     }
 }
 
-/// How well a sampler draws, over views that no step has asked for.
+/// Quality of a sampler, over views that are not used for training.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct RivalQuality {
     /// The median over views of the relative variance of an estimate under a white sky.
     pub relative_variance: f64,
-    /// The same by the material's own sampling.
+    /// The median for the material's own sampling.
     pub own_relative_variance: f64,
     /// The fraction of draws that are samples.
     pub kept: f64,
 }
 
 impl RivalQuality {
-    /// Of a sampler for a material, over `views` views of `directions` directions.
+    /// Measures a sampler for a material, over `views` views of `directions` directions.
     pub fn measure(material: &RivalMaterial, rival: &Rival, views: usize, directions: usize, seed: u64) -> Self {
         let mut random = Stream::new(seed, Purpose::Validation, 0);
         let all: Vec<_> = (0..views).map(|_| material.view(&mut random)).collect();
@@ -220,7 +221,7 @@ impl RivalQuality {
     }
 }
 
-/// Of estimates of what is reflected under a white sky.
+/// Returns the relative variance of estimates of the radiance reflected under a white sky.
 fn relative_variance(drawn: &Drawn) -> f64 {
     let value = |&(_, pdf, value): &(Vec3, f32, f32)| if pdf > 0.0 { f64::from(value / pdf) } else { 0.0 };
     let mean = drawn.iter().map(value).sum::<f64>() / drawn.len() as f64;
@@ -230,7 +231,8 @@ fn relative_variance(drawn: &Drawn) -> f64 {
 
 #[cfg(test)]
 impl Points {
-    /// The pdfs of a sampler towards all directions. The views' parameters are features and an untwisted tangent.
+    /// Returns a sampler's pdfs towards all directions. The views' parameters are features and an untwisted
+    /// tangent.
     pub fn densities(&self, material: &RivalMaterial, rival: &Rival) -> Vec<f32> {
         let with_parameters = |view: &View| {
             let mut parameters = [0.0; MAX_PARAMETERS];

@@ -8,7 +8,7 @@ use headtail_render::{
 use super::{points::Points, *};
 use crate::{StateFile, neural_texture::Layout, state_file::describe, test_support::train_until};
 
-/// A material of random weights, the less diffuse the larger they are.
+/// Returns a material of random weights; larger weights are less diffuse.
 fn material(size: f32) -> RivalMaterial {
     use headtail_render::brdf::neural_texture::Description;
     let layout = Layout::new(8);
@@ -17,7 +17,7 @@ fn material(size: f32) -> RivalMaterial {
     RivalMaterial::textured(Arc::new(texture))
 }
 
-/// The last state of a training that is interrupted after `stop_at` steps.
+/// Returns the last state of a training run that is interrupted after `stop_at` steps.
 fn train(
     settings: &RivalSettings,
     material: &RivalMaterial,
@@ -27,14 +27,14 @@ fn train(
     Ok(train_until(stop_at, file, |run| fit_rival(settings, material, run))?.1)
 }
 
-/// Weights that are no longer the first ones.
+/// Returns weights that differ from the initial ones.
 fn some_weights(kind: RivalKind, size: f32) -> Vec<f32> {
     let mut random = Stream::new(3, Purpose::Test, 0);
     model::initial_weights(kind, 1).iter().map(|w| w + size * (random.uniform() - 0.5)).collect()
 }
 
 #[test]
-fn the_renderer_has_the_densities_of_the_tensor_library() {
+fn renderer_densities_match_the_tensor_library() {
     let material = material(1.5);
     let points = Points::draw(&material, 24, 16, 2, 0);
     let device = Backend::Flex.device().unwrap();
@@ -44,15 +44,16 @@ fn the_renderer_has_the_densities_of_the_tensor_library() {
         let native = points.densities(&material, &model::native(kind, &weights).unwrap());
         for (k, (log, native)) in logs.iter().zip(native).enumerate() {
             let expected = log.exp() * points.wi[k][2];
-            // The logarithm is a sum of some ten terms of the order of 1, rounded to 1e-7 each, and angles of 8 pi are rounded to 2e-6.
-            // Far out the renderer's exponentials end before those of f32 do.
+            // The logarithm is a sum of about ten terms of the order of 1, rounded to 1e-7 each, and angles
+            // of 8 pi are rounded to 2e-6. Far out, the renderer's exponentials underflow before those of
+            // f32.
             let close = (native - expected).abs() < 3e-4 * expected || native.max(expected) < 1e-30;
             assert!(close, "{kind:?} {k}: {native} {expected}");
         }
     }
 }
 
-/// The cross entropy that weights have at points, in nats.
+/// Returns the cross-entropy of weights at points, in nats.
 fn entropy(kind: RivalKind, weights: &[f32], material: &RivalMaterial, points: &Points) -> f64 {
     let densities = points.densities(material, &model::native(kind, weights).unwrap());
     let logs = densities.iter().zip(&points.weights).filter(|(_, weight)| **weight > 0.0);
@@ -60,7 +61,7 @@ fn entropy(kind: RivalKind, weights: &[f32], material: &RivalMaterial, points: &
 }
 
 #[test]
-fn gradients_are_those_of_finite_differences_of_the_renderers_densities() {
+fn gradients_match_finite_differences_of_renderer_densities() {
     let material = material(1.5);
     let points = Points::draw(&material, 16, 16, 4, 0);
     let device = Backend::Flex.device().unwrap().autodiff();
@@ -69,7 +70,8 @@ fn gradients_are_those_of_finite_differences_of_the_renderers_densities() {
         let rival = model::native(kind, &weights).unwrap();
         let (_, gradient) = model::gradient(kind, &weights, &rival, &points, &device);
         let entropy = |weights: &[f32]| entropy(kind, weights, &material, &points);
-        // Along random directions: single weights change the entropy by too little beside the rounding of densities.
+        // Along random directions: single weights change the entropy too little compared with the rounding of
+        // densities.
         for seed in 0..4 {
             let mut random = Stream::new(seed, Purpose::Test, 1);
             let along: Vec<f32> = weights.iter().map(|_| random.uniform() - 0.5).collect();
@@ -105,7 +107,7 @@ fn state_file<'a>(path: &'a Path, done: &'a [TrainingState]) -> StateFile<'a> {
 }
 
 #[test]
-fn a_training_that_was_interrupted_ends_as_one_that_was_not() {
+fn an_interrupted_training_ends_like_an_uninterrupted_one() {
     let materials = [material(2.0), material(3.0)];
     let settings = RivalSettings { steps: 6, views: 8, directions: 8, ..RivalSettings::new(RivalKind::Lobes) };
     let whole = materials.each_ref().map(|material| train(&settings, material, None, usize::MAX).unwrap());

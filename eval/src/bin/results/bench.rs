@@ -1,10 +1,10 @@
-//! Outputs of benchmarks by divan as tables: the median time of each, and how much it gets through in a second.
+//! Output of divan benchmarks as tables: median times and throughput.
 
 use anyhow::{Context, Result};
 
 use crate::tables::table;
 
-/// A table of the benchmarks in a text that divan printed.
+/// Returns a table of the benchmarks that divan printed.
 ///
 /// # Errors
 /// If there is no column of medians.
@@ -23,7 +23,7 @@ pub fn shown(text: &str) -> Result<String> {
         let value = part(median, mean).trim_matches([' ', '│']).to_owned();
         let tree = part(0, first);
         let name = tree.trim_start_matches([' ', '│', '├', '╰', '─']);
-        // Three characters for each level.
+        // Each level is indented by three characters.
         let depth = (tree.chars().count() - name.chars().count()) / 3;
         match (name.trim(), rows.last_mut()) {
             ("", Some(row)) if !value.is_empty() && row.len() == 2 => row.push(value),

@@ -1,4 +1,4 @@
-//! What a generated block asks for.
+//! Parsing of the heads of generated blocks.
 
 use anyhow::{Context, Result, ensure};
 use headtail_eval::summary::Comparison;
@@ -6,23 +6,23 @@ use headtail_eval::summary::Comparison;
 /// The head of a block: `KIND EXPERIMENT key=value ...`.
 #[derive(Debug)]
 pub struct Block {
-    /// What it shows.
+    /// Kind of table or chart.
     pub kind: String,
-    /// The experiment whose data it shows.
+    /// Experiment whose data it shows.
     pub experiment: String,
     settings: Vec<(String, String)>,
 }
 
-/// Samplers of which the best one of each view counts, with their common name.
+/// A row of samplers, represented in each view by the best of them.
 #[derive(Debug, PartialEq)]
 pub struct SamplerSet {
-    /// What the row is called.
+    /// Label of the row.
     pub label: String,
     /// The samplers.
     pub samplers: Vec<String>,
 }
 
-/// The keys of all kinds of blocks.
+/// Keys of all kinds of blocks.
 const KEYS: [&str; 13] = [
     "seconds",
     "samples",
@@ -40,7 +40,7 @@ const KEYS: [&str; 13] = [
 ];
 
 impl Block {
-    /// Reads the head of a block.
+    /// Parses the head of a block.
     ///
     /// # Errors
     /// If kind or experiment is missing, or a key is unknown.
@@ -57,25 +57,25 @@ impl Block {
         Ok(Self { kind, experiment, settings })
     }
 
-    /// The value of a key.
+    /// Returns the value of a key.
     pub fn get(&self, key: &str) -> Option<&str> {
         self.settings.iter().find(|(known, _)| known == key).map(|(_, value)| value.as_str())
     }
 
-    /// The value of a key that must be there.
+    /// Returns the value of a required key.
     ///
     /// # Errors
-    /// If it is not.
+    /// If it is missing.
     pub fn need(&self, key: &str) -> Result<&str> {
         self.get(key).with_context(|| format!("{}: the key '{key}' is missing", self.kind))
     }
 
-    /// Names separated by commas.
+    /// Returns the names under a key, which commas separate.
     pub fn names(&self, key: &str) -> Vec<String> {
         self.get(key).map_or(Vec::new(), |value| value.split(',').map(str::to_owned).collect())
     }
 
-    /// The rows of samplers: `patches,best-of-ours=patches|direct`.
+    /// Parses the rows of samplers: `patches,best-of-ours=patches|direct`.
     pub fn sampler_sets(&self) -> Vec<SamplerSet> {
         let set = |text: String| match text.split_once('=') {
             None => SamplerSet { label: format!("`{text}`"), samplers: vec![text] },
@@ -86,7 +86,8 @@ impl Block {
         self.names("samplers").into_iter().map(set).collect()
     }
 
-    /// At what cost samplers are compared: `seconds=1`, with `preparation=no` where it does not count, or `samples=16spp`.
+    /// Returns the cost at which samplers are compared: `seconds=1`, with `preparation=no` to exclude
+    /// preparation, or `samples=16spp`.
     ///
     /// # Errors
     /// If neither is given.
@@ -104,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn heads_are_read() {
+    fn block_heads_are_parsed() {
         let block =
             Block::parse("ratios equal-time seconds=1 baselines=mis,mis2 samplers=patches,best-of-ours=patches|direct")
                 .unwrap();

@@ -1,4 +1,4 @@
-//! A forest plot: ratios of errors by material and map, one dot for each scene.
+//! Forest plots: ratios of errors by material and map, one dot per scene.
 
 use std::fmt::Write as _;
 
@@ -15,7 +15,7 @@ const LEFT: f64 = 250.0;
 const WIDTH: f64 = 760.0;
 const RIGHT: f64 = 130.0;
 const TOP: f64 = 46.0;
-/// Colours that are told apart with every kind of colour vision (Okabe and Ito 2008).
+/// Colours that are distinct under colour-vision deficiency (Okabe and Ito 2008).
 const COLOURS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 
 struct Row {
@@ -24,7 +24,7 @@ struct Row {
     mean: Option<Ratios>,
 }
 
-/// The chart of a block, and the line that shows it.
+/// Returns the chart of a block and the line that embeds it.
 ///
 /// # Errors
 /// If a setting is missing.
@@ -138,7 +138,7 @@ fn draw(shown: &Shown<'_>, rows: &[Row], baselines: &[String]) -> String {
     svg + "</svg>\n"
 }
 
-/// A dot, round or square; hollow where map or scene are untuned.
+/// Draws a dot, round or square; hollow if map or scene are untuned.
 fn dot(svg: &mut String, (x, y): (f64, f64), (colour, is_square): (&str, bool), is_full: bool) {
     let fill = if is_full { colour } else { "white" };
     let shape = if is_square {

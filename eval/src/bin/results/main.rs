@@ -4,8 +4,8 @@
 //! | --- | --- |
 //! | `main.rs` | the command line |
 //! | `pages.rs` | pages and their generated blocks |
-//! | `block.rs` | what a block asks for |
-//! | `tables.rs`, `forest.rs`, `recorded.rs` | what blocks become |
+//! | `block.rs` | the heads of blocks |
+//! | `tables.rs`, `forest.rs`, `recorded.rs` | the contents of blocks |
 //! | `prose.rs` | measured numbers outside generated blocks |
 
 mod bench;
@@ -29,7 +29,7 @@ use headtail_eval::{
     Experiment, Outcome, Recording, RunOptions, Store, VerifiedSources, Watch, run, source_hash, verify,
 };
 
-/// Measure experiments (results/*.toml) and build the pages that show their data.
+/// Measure experiments (results/*.toml) and build the pages of results.
 #[derive(Parser)]
 #[command(after_help = "Examples:
   results build
@@ -39,7 +39,7 @@ use headtail_eval::{
 
 Measurements are resumable: Ctrl-C ends a run after the picture that is being rendered, and the same command goes on with the view that was being measured.")]
 struct Arguments {
-    /// The root of the repository.
+    /// Root of the repository.
     #[arg(long, value_name = "DIR", default_value = ".")]
     root: PathBuf,
     #[command(subcommand)]
@@ -50,31 +50,33 @@ struct Arguments {
 enum Task {
     /// Generate the blocks of all pages from the data.
     Build {
-        /// Write nothing; fail if a page differs from its data, or a measured number stands outside a generated block.
+        /// Write nothing; fail if a page is out of date.
+        /// Also fail if a measured number is outside a generated block.
         #[arg(long)]
         check: bool,
     },
-    /// List experiments whose samplers or integrator have changed since they were measured.
+    /// List experiments whose sources changed since they were measured.
     Stale,
-    /// Render first runs of stored measurements again and compare them: whether a rebuilding has changed what samplers draw. If it has not, pages
-    /// no longer call the data stale, and say so.
+    /// Check whether changed sources still draw the same samples.
+    /// Renders first runs of stored measurements again. If all pictures agree, pages no longer call the data
+    /// stale, and say so.
     Verify {
-        /// Experiments by name; all if none is named.
+        /// Experiments by name. Default: all.
         names: Vec<String>,
-        /// Views of each experiment.
+        /// Views per experiment.
         #[arg(long, default_value_t = 6)]
         views: usize,
         #[command(flatten)]
         files: Files,
     },
-    /// Measure what is missing of experiments.
+    /// Run missing measurements.
     Run {
-        /// Experiments by name; all if none is named.
+        /// Experiments by name. Default: all.
         names: Vec<String>,
-        /// Measure again what was measured with other sources.
+        /// Also repeat measurements that were made with other sources.
         #[arg(long)]
         stale: bool,
-        /// Measure miniatures in a temporary folder, and build the pages from them without writing them.
+        /// Measure miniatures and build the pages in memory only.
         #[arg(long)]
         quick: bool,
         #[command(flatten)]
@@ -82,16 +84,17 @@ enum Task {
     },
 }
 
-/// Where files are found and kept.
+/// Locations of input and cached files.
 #[derive(Args)]
 struct Files {
-    /// Folder of maps and scenes. Views whose files are missing are skipped.
+    /// Folder of maps and scenes; views with missing files are skipped.
     #[arg(long, value_name = "DIR", default_value = "data")]
     data: PathBuf,
-    /// Folder of references and of samplers' files.
+    /// Cache folder for references and samplers' files.
     #[arg(long, value_name = "DIR", default_value = "out/results")]
     cache: PathBuf,
-    /// The program headtail, which makes samplers' files. Default: the one beside this program.
+    /// The program headtail, which makes samplers' files.
+    /// Default: the one beside this program.
     #[arg(long, value_name = "FILE")]
     program: Option<PathBuf>,
 }
@@ -149,7 +152,7 @@ fn perform(arguments: &Arguments) -> Result<()> {
         Task::Verify { names, views, files } => {
             let (plans, store) = (Plans::open(&folder)?.chosen(names)?, Store::new(&folder));
             let pictures = verify_all(&plans, &store, &files.options()?, *views)?;
-            // Only all experiments together say that nothing has changed.
+            // Only a check of all experiments shows that nothing changed.
             if names.is_empty() { keep_verified(&store, pictures) } else { Ok(()) }
         }
         Task::Run { names, stale, quick, files } => {
@@ -181,7 +184,7 @@ fn perform(arguments: &Arguments) -> Result<()> {
     }
 }
 
-/// Calls with a new folder, which is removed afterwards.
+/// Calls a function with a new folder and removes the folder afterwards.
 fn in_temporary_folder<T>(call: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     let folder = std::env::temp_dir().join(format!("headtail-results-{}", std::process::id()));
     let result = call(&folder);
@@ -189,10 +192,10 @@ fn in_temporary_folder<T>(call: impl FnOnce(&Path) -> Result<T>) -> Result<T> {
     result
 }
 
-/// Renders pictures of stored measurements again, and counts them.
+/// Renders pictures of stored measurements again and returns their number.
 ///
 /// # Errors
-/// Names the pictures that differ.
+/// If pictures differ; it names them.
 fn verify_all(plans: &Plans, store: &Store, options: &RunOptions, views: usize) -> Result<usize> {
     let (stop, mut pictures, mut different) = (stop_flag()?, 0, Vec::new());
     for experiment in &plans.experiments {
@@ -207,7 +210,7 @@ fn verify_all(plans: &Plans, store: &Store, options: &RunOptions, views: usize) 
     Ok(pictures)
 }
 
-/// Lets the data of all earlier sources count as those of now.
+/// Records that the data of all earlier sources are valid for the current ones.
 fn keep_verified(store: &Store, pictures: usize) -> Result<()> {
     let mut earlier: Vec<String> = store.environments()?.into_iter().map(|(_, own)| own.sources).collect();
     earlier.sort();
@@ -217,7 +220,7 @@ fn keep_verified(store: &Store, pictures: usize) -> Result<()> {
     Ok(store.add_verified(&earlier.into_iter().map(row).collect::<Vec<_>>())?)
 }
 
-/// Measures miniatures and builds the pages from them in memory.
+/// Measures miniatures and builds the pages in memory.
 fn run_quickly(root: &Path, mut plans: Plans, options: &RunOptions, folder: &Path) -> Result<()> {
     let store = Store::new(&folder.join("data"));
     plans.experiments = plans.experiments.into_iter().map(Experiment::quickly).collect();
@@ -227,7 +230,7 @@ fn run_quickly(root: &Path, mut plans: Plans, options: &RunOptions, folder: &Pat
             recording.run(&store, command, true, [&options.program, &options.data, folder])?;
         }
     }
-    // Those that need maps and scenes which are not built in have no miniature.
+    // Experiments that need files have no miniature.
     for experiment in plans.experiments.iter().filter(|own| own.quick.views > 0) {
         let options = RunOptions {
             most_views: experiment.quick.views,
@@ -252,7 +255,7 @@ fn measure(experiment: &Experiment, store: &Store, options: &RunOptions) -> Resu
     Ok(outcome)
 }
 
-/// The experiments and recordings of a folder.
+/// Experiments and recordings of a folder.
 pub struct Plans {
     /// Measured by the engine.
     pub experiments: Vec<Experiment>,
@@ -277,7 +280,7 @@ impl Plans {
         Ok(plans)
     }
 
-    /// Those of these names; all if there are none.
+    /// Returns those with the given names; all if there are none.
     fn chosen(mut self, names: &[String]) -> Result<Self> {
         let known: Vec<&String> =
             self.experiments.iter().map(|own| &own.name).chain(self.recordings.iter().map(|own| &own.name)).collect();
@@ -290,7 +293,7 @@ impl Plans {
     }
 }
 
-/// Ids of environments whose sources are those of now, or render the same.
+/// Returns the ids of environments whose sources are the current ones, or render the same.
 fn current_environments(store: &Store) -> Result<Vec<String>> {
     let (known, verified) = (store.environments()?, store.verified()?);
     let is_current = |sources: &str| {
@@ -300,7 +303,7 @@ fn current_environments(store: &Store) -> Result<Vec<String>> {
     Ok(known.into_iter().filter(|(_, own)| is_current(&own.sources)).map(|(id, _)| id).collect())
 }
 
-/// The program `headtail` in this program's folder.
+/// Returns the program `headtail` in this program's folder.
 fn beside() -> Result<PathBuf> {
     let own = std::env::current_exe().context("this program's path")?;
     let found = own.with_file_name(format!("headtail{}", std::env::consts::EXE_SUFFIX));
@@ -314,7 +317,7 @@ fn beside() -> Result<PathBuf> {
     }
 }
 
-/// A flag that SIGINT and SIGTERM set; a second signal ends the process.
+/// Returns a flag that SIGINT and SIGTERM set; a second signal ends the process.
 fn stop_flag() -> Result<Arc<AtomicBool>> {
     static FLAG: Mutex<Option<Arc<AtomicBool>>> = Mutex::new(None);
     let mut known = FLAG.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -330,7 +333,7 @@ fn stop_flag() -> Result<Arc<AtomicBool>> {
     Ok(flag)
 }
 
-/// Lines on standard error: each view, and its time.
+/// Prints each view and its time on standard error.
 struct Progress {
     start: Instant,
 }

@@ -1,6 +1,7 @@
 //! Pages and their generated blocks.
 //!
-//! A block begins with `<!-- results: KIND EXPERIMENT key=value ... -->` and ends with `<!-- end of results -->`; what stands between is generated.
+//! A block begins with `<!-- results: KIND EXPERIMENT key=value ... -->` and ends with `<!-- end of results
+//! -->`; the text between is generated.
 
 use std::path::{Path, PathBuf};
 
@@ -18,21 +19,21 @@ use crate::{
 const BEGIN: &str = "<!-- results: ";
 const END: &str = "<!-- end of results -->";
 
-/// All pages, and the data that they show.
+/// All pages and the data that they show.
 pub struct Site {
     root: PathBuf,
     pages: Vec<PathBuf>,
     data: Data,
 }
 
-/// A page, or a chart beside it, as it should be.
+/// The expected content of a page or of a chart beside it.
 struct Built {
     path: PathBuf,
     content: String,
 }
 
 impl Site {
-    /// The pages of a repository: those of its root and of `docs/`.
+    /// Opens the pages of a repository: those of its root and of `docs/`.
     ///
     /// # Errors
     /// If a folder or the data cannot be read.
@@ -53,10 +54,10 @@ impl Site {
         Ok(Self { root: root.to_owned(), pages, data: Data::open(store, plans)? })
     }
 
-    /// Writes pages and charts, or checks that they are as they should be.
+    /// Writes pages and charts, or checks that they are up to date.
     ///
     /// # Errors
-    /// If a block asks for what is not there, a file cannot be read or written, or the check fails.
+    /// If a block asks for missing data, a file cannot be read or written, or the check fails.
     pub fn build(&self, check: bool) -> Result<()> {
         let mut findings = Vec::new();
         for page in &self.pages {
@@ -81,10 +82,10 @@ impl Site {
         if findings.is_empty() { Ok(()) } else { bail!("{}", findings.join("\n")) }
     }
 
-    /// Builds everything and writes nothing.
+    /// Builds everything without writing.
     ///
     /// # Errors
-    /// If a block asks for what is not there.
+    /// If a block asks for missing data.
     pub fn build_in_memory(&self) -> Result<()> {
         for page in &self.pages {
             let text = std::fs::read_to_string(page).with_context(|| page.display().to_string())?;
@@ -93,7 +94,7 @@ impl Site {
         Ok(())
     }
 
-    /// A file of the repository as a page links it.
+    /// Returns the link from a page to a file of the repository.
     fn linked_from(&self, page: &Path, file: &str) -> String {
         let folder = page.strip_prefix(&self.root).ok().and_then(Path::parent).unwrap_or(Path::new(""));
         match Path::new(file).strip_prefix(folder) {
@@ -102,7 +103,7 @@ impl Site {
         }
     }
 
-    /// A page with its blocks filled, and the charts that they draw.
+    /// Fills the blocks of a page; also returns the charts that they draw.
     fn page(&self, path: &Path, text: &str) -> Result<Vec<Built>> {
         let (mut content, mut rest, mut built) = (String::new(), text, Vec::new());
         while let Some(begin) = rest.find(BEGIN) {
@@ -151,7 +152,7 @@ mod tests {
         quick = { views = 1, width = 8, height = 6, budgets = ["1spp"], runs = 1 }
     "#;
 
-    /// A repository with one experiment, whose data were measured with these sources.
+    /// A repository with one experiment, measured with the given sources.
     fn repository(sources: &str) -> (tempfile::TempDir, Plans) {
         let root = tempfile::tempdir().unwrap();
         fs::create_dir_all(root.path().join("docs")).unwrap();
@@ -202,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_of_other_sources_say_so() {
+    fn tables_of_other_sources_are_marked_stale() {
         let (root, plans) = repository("0123456789abcdef");
         site(root.path(), &plans).build(false).unwrap();
         let built = fs::read_to_string(root.path().join("RESULTS.md")).unwrap();

@@ -1,11 +1,11 @@
-//! Measured numbers in sentences: they belong into data, and into what is generated from them.
+//! Finds measured numbers in sentences: they belong in data and in generated blocks.
 
 use std::path::Path;
 
-/// Units after which a number is one that was measured.
+/// Units that mark a number as measured.
 const UNITS: [&str; 11] = ["%", "x", "\u{d7}", "times", "ns", "\u{b5}s", "ms", "nats", "fps", "samples/s", "MB/s"];
 
-/// A finding for each measured number outside of generated blocks and code, with its line.
+/// Returns a finding, with its line, for each measured number outside generated blocks and code.
 pub fn measured_numbers(name: &Path, text: &str) -> Vec<String> {
     let is_of_results =
         name.starts_with("docs/results") || name == Path::new("RESULTS.md") || name == Path::new("README.md");
@@ -30,7 +30,7 @@ pub fn measured_numbers(name: &Path, text: &str) -> Vec<String> {
 }
 
 fn in_line(line: &str, decimals: bool) -> Vec<String> {
-    // Code and the targets of links are left out.
+    // Excludes code and link targets.
     let mut plain = String::new();
     for (index, part) in line.split('`').enumerate() {
         plain += if index % 2 == 0 { part } else { "code" };

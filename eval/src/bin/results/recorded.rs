@@ -1,4 +1,4 @@
-//! Outputs of commands: texts as they are, tables of JSON as Markdown.
+//! Output of commands: text unchanged, JSON tables as Markdown.
 
 use anyhow::{Context, Result, bail};
 use headtail_eval::Output;
@@ -9,7 +9,8 @@ use crate::{
     tables::{digits, table},
 };
 
-/// What a block shows of an output: the text, a table of benchmarks, a table by its name (`table=`), or a pivot of a list (`rows=`, `columns=`, `value=`).
+/// Returns what a block shows of an output: the text, a table of benchmarks, a table by name (`table=`), or a
+/// pivot of a list (`rows=`, `columns=`, `value=`).
 ///
 /// # Errors
 /// If there is no such table.
@@ -31,7 +32,7 @@ pub fn fill(output: &Output, block: &Block) -> Result<String> {
     }
 }
 
-/// Tables whose names begin with a text, in the order of the output.
+/// Collects tables whose names begin with `wanted`, in the order of the output.
 fn tables_of<'a>(value: &'a Value, wanted: &str, found: &mut Vec<(&'a str, Vec<&'a Map<String, Value>>)>) {
     match value {
         Value::Object(object) => {
@@ -47,7 +48,7 @@ fn tables_of<'a>(value: &'a Value, wanted: &str, found: &mut Vec<(&'a str, Vec<&
     }
 }
 
-/// Rows with their columns of text first.
+/// Formats rows with text columns first.
 fn shown(rows: &[&Map<String, Value>]) -> String {
     let mut columns: Vec<&String> = rows.first().map(|row| row.keys().collect()).unwrap_or_default();
     columns.sort_by_key(|column| !rows[0][*column].is_string());
@@ -65,7 +66,7 @@ fn cell(value: Option<&Value>) -> String {
     }
 }
 
-/// One value of a list of objects by two of its keys, in the order in which these first appear.
+/// Pivots one value of a list of objects by two of its keys, in order of first appearance.
 fn pivot(list: &[Value], block: &Block) -> Result<String> {
     let [row_key, column_key, value_key] = [block.need("rows")?, block.need("columns")?, block.need("value")?];
     let text = |object: &Value, key: &str| -> Result<String> {
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_are_found_wherever_they_are() {
+    fn nested_tables_are_found() {
         let rows = json!([{"sampler": "mis", "MSE": 0.25}]);
         let paper = output(json!([{"parts": [{"tables": [{"name": "numbers-a", "rows": rows}]}]}]));
         let block = |head: &str| Block::parse(head).unwrap();

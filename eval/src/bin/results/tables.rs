@@ -11,37 +11,37 @@ use headtail_render::statistics::{MeanInterval, sidak};
 
 use crate::{Plans, block::Block, forest, recorded};
 
-/// The data of all experiments.
+/// Data of all experiments.
 pub struct Data {
     experiments: Vec<(Experiment, Vec<Record>)>,
-    /// Outputs by recording and command.
+    /// Output by recording and command.
     recorded: Vec<(String, String, Option<Output>)>,
     environments: Vec<(String, MeasurementEnvironment)>,
     verified: Vec<VerifiedSources>,
 }
 
-/// How data stand to the sources of now.
+/// State of data relative to the current sources.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum State {
-    /// Measured with them.
+    /// Measured with the current sources.
     Current,
-    /// Measured with others that render the same; so many pictures were compared.
+    /// Measured with other sources that render the same; holds the number of compared pictures.
     Verified(usize),
-    /// Measured with others.
+    /// Measured with other sources.
     Stale,
 }
 
-/// What a block without data becomes.
+/// Text of a block without data.
 const NOT_MEASURED: &str = "*Not measured yet.*";
 
-/// Stands for the chart's file in the text of a block.
+/// Placeholder for the chart's file in the text of a block.
 pub const CHART: &str = "{chart}";
 
-/// What a block becomes.
+/// Content of a block.
 pub struct Filled {
-    /// The text between its lines.
+    /// Text between its lines.
     pub markdown: String,
-    /// A chart: its file from the root of the repository, and its content.
+    /// Chart: its file, relative to the root of the repository, and its content.
     pub chart: Option<(String, String)>,
 }
 
@@ -51,7 +51,7 @@ impl From<String> for Filled {
     }
 }
 
-/// An experiment with the views that have data.
+/// An experiment and its views with data.
 pub struct Shown<'a> {
     pub experiment: &'a Experiment,
     pub views: Vec<ViewRuns>,
@@ -110,7 +110,7 @@ impl Data {
         })
     }
 
-    /// How data of some sources stand to those of now.
+    /// Returns the state of data measured with some sources.
     fn state(&self, sources: &str) -> State {
         let same = self.verified.iter().find(|own| own.measured == sources && own.verified == source_hash());
         match same {
@@ -120,7 +120,7 @@ impl Data {
         }
     }
 
-    /// Where an output is from.
+    /// Describes the command, machine and state of an output.
     fn provenance(&self, output: &Output) -> String {
         let found = self.environments.iter().find(|(id, _)| *id == output.environment);
         let machine = found.map_or("an unknown machine".to_owned(), |(_, own)| {
@@ -137,7 +137,7 @@ impl Data {
         format!("\n\n*`{}`, {machine}.*{state}", output.command)
     }
 
-    /// Where and how the data were measured, and whether they are stale.
+    /// Describes where and how the data were measured, and whether they are stale.
     fn conditions(&self, experiment: &Experiment, records: &[Record]) -> String {
         let views = views_of(records);
         let runs = records.iter().map(|own| own.run).max().unwrap_or(0) + 1;
@@ -190,7 +190,7 @@ impl Data {
     }
 }
 
-/// The groups of views that columns show: by material, or by what a key of the block names, and all.
+/// Returns the groups of views in columns: by material or by the block's `columns` key, and all views.
 fn groups<'a>(shown: &'a Shown<'_>, block: &Block) -> Result<Vec<(String, Vec<&'a ViewRuns>)>> {
     let name = |view: &ViewRuns| -> Result<String> {
         let map = shown.experiment.map(&view.key.map);
@@ -222,7 +222,7 @@ fn groups<'a>(shown: &'a Shown<'_>, block: &Block) -> Result<Vec<(String, Vec<&'
     Ok(groups)
 }
 
-/// Ratios of errors: a row for each sampler, a column for each group of views.
+/// Table of error ratios: a row per sampler, a column per group of views.
 fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let (at, baselines) = (block.comparison()?, block.names("baselines"));
     ensure!(!baselines.is_empty(), "baselines: name at least one");
@@ -248,7 +248,7 @@ fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
     Ok(table(&std::iter::once(title).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
-/// A geometric mean with its interval, and the views below 1.
+/// Formats a geometric mean with its interval and the number of views below 1.
 fn ratio_cell(ratios: &Ratios) -> String {
     let Ratios { mean, below_one, count, without, .. } = ratios;
     let mut cell = interval_cell(mean);
@@ -265,7 +265,7 @@ fn interval_cell(interval: &Interval) -> String {
     format!("{} [{}, {}]", digits(interval.value), digits(interval.low), digits(interval.high))
 }
 
-/// Two or three significant digits.
+/// Formats two or three significant digits.
 pub fn digits(value: f64) -> String {
     match value.abs() {
         x if !x.is_finite() => "\u{2013}".into(),
@@ -278,7 +278,7 @@ pub fn digits(value: f64) -> String {
     }
 }
 
-/// One sampler in every view: a row for each view.
+/// Table of one sampler: a row per view.
 fn views(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let (at, baselines) = (block.comparison()?, block.names("baselines"));
     let sets = block.sampler_sets();
@@ -294,7 +294,7 @@ fn views(shown: &Shown<'_>, block: &Block) -> Result<String> {
     Ok(table(&head.collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
-/// The time of a sample over a baseline's by group, and seconds of preparation.
+/// Table of sample times relative to a baseline, by group, and of seconds of preparation.
 fn cost(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let baseline = block.need("baseline")?;
     let groups = groups(shown, block)?;
@@ -332,12 +332,12 @@ fn cost(shown: &Shown<'_>, block: &Block) -> Result<String> {
     Ok(table(&head.collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
-/// Samplers in the order of the experiment.
+/// Returns the samplers in the order of the experiment.
 fn samplers_of(shown: &Shown<'_>) -> Vec<String> {
     let is_there = |name: &&String| shown.views.iter().any(|view| view.samplers.contains_key(*name));
     let mut names: Vec<String> = Vec::new();
     for name in shown.experiment.samplers.iter().map(|own| &own.name).filter(is_there) {
-        // One name may be of several files, each for other materials.
+        // Several files for different materials may have the same name.
         if !names.contains(name) {
             names.push(name.clone());
         }
@@ -345,7 +345,8 @@ fn samplers_of(shown: &Shown<'_>) -> Vec<String> {
     names
 }
 
-/// Relative errors of mean luminances: how many 95 % intervals over runs exclude 0, and the largest.
+/// Relative errors of mean luminances: the number of 95 % intervals over runs that exclude 0, and the largest
+/// error.
 fn bias(shown: &Shown<'_>) -> String {
     let rows = samplers_of(shown).into_iter().map(|sampler| {
         let (mut count, mut excluded, mut largest, mut narrowest, mut widest, mut tiles) =
@@ -381,7 +382,8 @@ fn bias(shown: &Shown<'_>) -> String {
     table(&head.map(str::to_owned), &rows.collect::<Vec<_>>())
 }
 
-/// The largest contribution of a sample over the mean luminance of its picture: by material, the median over views and the largest.
+/// Largest contribution of a sample relative to the mean luminance of its picture: median over views and
+/// maximum, by material.
 fn weights(shown: &Shown<'_>) -> String {
     let mut materials: Vec<String> = Vec::new();
     for view in &shown.views {
@@ -412,7 +414,7 @@ fn weights(shown: &Shown<'_>) -> String {
     table(&std::iter::once("sampler".to_owned()).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>())
 }
 
-/// The scenes and maps of an experiment, and whether settings were chosen by them.
+/// Scenes and maps of an experiment, and whether settings were tuned on them.
 fn inputs(shown: &Shown<'_>) -> String {
     let words = |tuned: bool| if tuned { "tuned" } else { "untuned" }.to_owned();
     let mut used: BTreeMap<(&str, String), [String; 2]> = BTreeMap::new();
@@ -430,7 +432,7 @@ fn inputs(shown: &Shown<'_>) -> String {
     table(&["", "name", "kind", "settings"].map(str::to_owned), &rows)
 }
 
-/// A Markdown table.
+/// Returns a Markdown table.
 pub fn table(head: &[String], rows: &[Vec<String>]) -> String {
     let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
     let rule = vec!["---".to_owned(); head.len()];

@@ -13,7 +13,7 @@ const THREADS: usize = 72;
 const WIDTH: f32 = 2.1;
 const START: f32 = 1.06;
 
-/// The ball under it stands on the floor.
+/// Radius of the ball under the cloth, which stands on the floor, in metres.
 const BALL: f32 = 0.5;
 /// Half the thickness of the cloth: how far it stays away from ball and floor.
 const SKIN: f32 = 0.012;
@@ -96,7 +96,7 @@ fn springs(gap: f32) -> Vec<(usize, usize, f32, f32)> {
     springs
 }
 
-/// Moves a point out of ball and floor; there it keeps a part of its speed along the surface.
+/// Moves a point out of ball and floor; there it keeps part of its speed along the surface.
 fn stay_outside(p: &mut Vec3, before: &mut Vec3) {
     let center = Vec3::new(0.0, BALL, 0.0);
     let from_center = *p - center;

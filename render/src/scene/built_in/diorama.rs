@@ -17,7 +17,7 @@ use crate::{
 const RADIUS: f32 = 1.0;
 /// The pond's middle, radius and level.
 const POND: [f32; 4] = [0.30, 0.36, 0.30, -0.035];
-/// Where cottage and tower stand, and the flat ground around each.
+/// Positions of cottage and tower, and the extent of the flat ground around each.
 const COTTAGE: [f32; 3] = [-0.34, 0.20, 0.30];
 const TOWER: [f32; 3] = [0.26, -0.50, 0.20];
 

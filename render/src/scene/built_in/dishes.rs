@@ -13,7 +13,7 @@ use crate::scene::Mesh;
 /// Height of the table, in metres.
 const TABLE: f32 = 0.75;
 
-/// Pieces around a vessel.
+/// Segments around a vessel.
 const SEGMENTS: usize = 72;
 
 /// The table and what stands on it.

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::scene::Mesh;
 
-/// Metres after which the wear of a surface repeats.
+/// Period of the wear of a surface, in metres.
 const WEAR: f32 = 0.9;
 
 /// The paints of a droid.
@@ -47,7 +47,7 @@ pub fn model() -> Model {
     model
 }
 
-/// Where a droid stands, and how many degrees it is turned.
+/// Position of a droid, and its rotation in degrees.
 #[derive(Clone, Copy)]
 struct Place {
     turn: f32,
@@ -61,7 +61,7 @@ impl Place {
     }
 }
 
-/// A part moved to a place of its droid.
+/// Moves a part to its position on a droid.
 fn moved(part: Mesh, x: f32, y: f32, z: f32) -> Mesh {
     part.transformed(&Affine3A::from_translation(Vec3::new(x, y, z)))
 }

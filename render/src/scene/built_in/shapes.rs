@@ -74,7 +74,7 @@ pub fn fluted_lathe(curves: &[Vec<Vec2>], segments: usize, flute: impl Fn(f32) -
                 let slope = point.x * (flute(turn + 1e-3) - flute(turn - 1e-3)) / (2e-3 * TAU);
                 let profile = Vec3::new(along.x * flute(turn) * sin, along.y, along.x * flute(turn) * cos);
                 let around = Vec3::new(slope * sin + radius * cos, 0.0, slope * cos - radius * sin);
-                // On the axis there is no "around": the surface is taken to be level there.
+                // On the axis, `around` is zero: the surface is assumed to be level there.
                 let normal = around.cross(profile).try_normalize().unwrap_or(Vec3::Y * -along.x.signum());
                 mesh.positions.push(Vec3::new(radius * sin, point.y, radius * cos));
                 mesh.normals.push(normal);
@@ -116,7 +116,7 @@ pub fn sheet([columns, rows]: [usize; 2], at: impl Fn(f32, f32) -> Vec3) -> Mesh
             let (right, up) = (at(u + STEP, v) - at(u - STEP, v), at(u, v + STEP) - at(u, v - STEP));
             mesh.positions.push(at(u, v));
             mesh.normals.push(right.cross(up).normalize_or(Vec3::Y));
-            // Downwards, as everywhere.
+            // v points down, as everywhere.
             mesh.texcoords.push(Vec2::new(u, 1.0 - v));
         }
     }

@@ -102,7 +102,7 @@ fn column() -> Mesh {
     column
 }
 
-/// The same flat mesh with a vertex per corner and explicit normals, so that it can join smooth ones.
+/// Returns the flat mesh with a vertex per corner and explicit normals, so that it can join smooth ones.
 fn with_face_normals(flat: &Mesh) -> Mesh {
     let mut mesh = Mesh::default();
     for triangle in 0..flat.triangles.len() {

@@ -12,14 +12,15 @@ use crate::{
 /// Texels along a side.
 const SIDE: usize = 128;
 
-/// Waves that make up the blotches; the shortest are a twelfth of the texture.
+/// Waves that make up the blotches, of at most 12 periods along each side of the texture.
 const WAVES: usize = 24;
 const MOST_PERIODS: f32 = 12.0;
 
-/// The directions along which u and v grow: skewed, so that no face of a box is of one texel.
+/// The directions along which u and v grow: skewed, so that the texture varies over every face of a box.
 const ALONG: [Vec3; 2] = [Vec3::new(0.83, 0.31, 0.46), Vec3::new(-0.37, 0.86, 0.35)];
 
-/// A periodic texture of factors for roughness (green) from `least` to 1; metalness (blue) is left as it is.
+/// Returns a periodic texture of factors for roughness (green) from `least` to 1; metalness (blue) is left as
+/// it is.
 pub fn texture(least: f32) -> Texture {
     let mut random = Stream::new(0, Purpose::Bake, 0);
     let mut period = || (MOST_PERIODS * (2.0 * random.uniform() - 1.0)).round();
@@ -37,7 +38,7 @@ pub fn texture(least: f32) -> Texture {
     Texture::new(SIDE, SIDE, texels, [Wrap::Repeat; 2]).expect("the texture has its texels")
 }
 
-/// The shape with texture coordinates from its positions: the texture repeats every `size` metres.
+/// Returns the shape with texture coordinates from its positions: the texture repeats every `size` metres.
 pub fn mapped(mut shape: Mesh, size: f32) -> Mesh {
     shape.texcoords = shape.positions.iter().map(|p| Vec2::new(p.dot(ALONG[0]), p.dot(ALONG[1])) / size).collect();
     shape

@@ -26,7 +26,7 @@ fn soup(count: usize, random: &mut Stream) -> Mesh {
     Mesh::new(positions, normals, texcoords, triangles, 0).unwrap()
 }
 
-/// Transforms that turn, stretch and mirror, to places within `reach`.
+/// Transforms that rotate, stretch and mirror, to places within `reach`.
 fn places(count: usize, reach: f32, random: &mut Stream) -> Vec<Affine3A> {
     (0..count)
         .map(|k| {
@@ -58,7 +58,8 @@ fn copies_are_hit_as_meshes_in_world_space() {
     let (own, expected) = (surfaces(&copied), surfaces(&flat));
     let hits = own.iter().flatten().count();
     assert!(hits > 4000 && hits < 18_000, "{hits}");
-    // Coordinates up to 10 m with errors of 1e-6 m: of the 10 edges of 0.5 m that a ray passes at about 0.1 m, one in 1e4 is decided by rounding.
+    // Coordinates are up to 10 m with errors of 1e-6 m: of the 10 edges of 0.5 m that a ray passes at about
+    // 0.1 m, one in 1e4 is decided by rounding.
     let differ = own.iter().zip(&expected).filter(|pair| match pair {
         (Some(a), Some(b)) => !(a.p.distance(b.p) < 1e-4 && a.ng.dot(b.ng) > 0.9999 && a.ns.dot(b.ns) > 0.999),
         (a, b) => a.is_some() != b.is_some(),
@@ -71,7 +72,7 @@ fn copies_are_hit_as_meshes_in_world_space() {
     };
     let (own_visible, expected) = (visible(&copied), visible(&flat));
     assert!(own_visible.iter().zip(&expected).filter(|(a, b)| a != b).count() <= 6);
-    // Both answers of the same hierarchy.
+    // Nearest hits and occlusion of the same hierarchy agree.
     assert!(own_visible.iter().zip(&own).filter(|(visible, hit)| **visible == hit.is_some()).count() <= 6);
 }
 
@@ -134,7 +135,7 @@ fn moved_and_joined_copies_stay_copies() {
 }
 
 #[test]
-fn flat_and_infinite_transforms_are_no_placements() {
+fn flat_and_infinite_transforms_are_not_placements() {
     assert!(is_placement(&Affine3A::from_scale(Vec3::new(1.0, 2.0, -0.1))));
     for scale in [Vec3::new(1.0, 0.0, 1.0), Vec3::splat(1e-8), Vec3::splat(f32::INFINITY), Vec3::new(1e-3, 1e-3, 1.0)] {
         assert!(!is_placement(&Affine3A::from_scale(scale)), "{scale}");

@@ -32,7 +32,7 @@ fn changed(project: &FspyProject, change: impl Fn(&mut serde_json::Value)) -> Ve
 }
 
 #[test]
-fn a_project_comes_back() {
+fn projects_round_trip() {
     for (width, height) in [(60, 40), (40, 60), (50, 50)] {
         for up in [UpAxis::Y, UpAxis::Z] {
             let project = project(width, height, Vec2::new(0.2, -0.15));
@@ -42,7 +42,7 @@ fn a_project_comes_back() {
             assert!((from.look_from() - to.look_from()).length() < 1e-5);
             for (x, y) in [(0.0, 0.0), (11.0, 30.0)] {
                 let [a, b] = [from, to].map(|camera| camera.ray(x, y, width as usize, height as usize).direction);
-                // Some ten roundings of numbers below 1.
+                // About ten roundings of numbers below 1.
                 assert!((a - b).length() < 1e-5, "{a} {b}");
             }
             let image = read.photograph().unwrap().image;
@@ -51,10 +51,11 @@ fn a_project_comes_back() {
     }
 }
 
-/// The vanishing points of a file are where its world's axes vanish, whatever the principal point: what the program itself began with.
+/// The world's axes vanish at the file's vanishing points, from which fSpy computes the camera, for any
+/// principal point.
 #[test]
 fn axes_of_the_world_vanish_where_the_file_says() {
-    // A landscape and a portrait of a turned world, with the principal point far from the middle: camera, focal length, vanishing point of -X.
+    // A landscape and a portrait of a rotated world, with the principal point far from the middle.
     let transforms = [
         ([[0.8, 0.0, 0.6], [0.36, 0.8, -0.48], [-0.48, 0.6, 0.64]], (2592, 1728)),
         ([[0.36, 0.8, -0.48], [-0.48, 0.6, 0.64], [0.8, 0.0, 0.6]], (1728, 2592)),
@@ -104,7 +105,7 @@ fn without_a_focal_length_the_field_of_view_is_that_of_the_longer_side() {
 }
 
 #[test]
-fn up_is_where_it_was_said_to_be() {
+fn up_axis_is_applied() {
     let bytes = project(40, 30, Vec2::ZERO).encode(UpAxis::Z);
     let [z_up, as_it_is] = [UpAxis::Z, UpAxis::Y].map(|up| FspyProject::decode(&bytes, up).unwrap().camera.look_from());
     assert!((z_up - Vec3A::new(3.0, 1.6, 4.0)).length() < 1e-5);
@@ -117,7 +118,7 @@ fn refused(bytes: &[u8], word: &str) {
 }
 
 #[test]
-fn bad_files_are_refused_with_a_sentence() {
+fn invalid_files_are_rejected_with_one_line() {
     let good = project(40, 30, Vec2::ZERO).encode(UpAxis::Z);
     refused(b"", "first bytes");
     refused(b"glTF0000", "first bytes");
@@ -151,7 +152,7 @@ fn bad_files_are_refused_with_a_sentence() {
 }
 
 #[test]
-fn a_project_without_a_picture_says_so() {
+fn missing_and_unsupported_photographs_are_errors() {
     let mut bare = project(40, 30, Vec2::ZERO);
     bare.image.clear();
     let read = FspyProject::decode(&bare.encode(UpAxis::Z), UpAxis::Z).unwrap();
@@ -160,7 +161,7 @@ fn a_project_without_a_picture_says_so() {
     assert!(bare.photograph().unwrap_err().to_string().contains("neither PNG nor JPEG"));
 }
 
-/// Whatever the bytes are, there is a project or a sentence, and what is read can be rendered with.
+/// Any bytes give an error or a project that can be rendered.
 #[test]
 fn damaged_files_never_panic() {
     let good = project(24, 18, Vec2::new(0.1, 0.0)).encode(UpAxis::Z);

@@ -6,7 +6,8 @@ use super::{
 };
 use crate::error::Result;
 
-/// The most elements of an accessor without a buffer view, which are zero: a few bytes ask for them.
+/// Maximum number of elements of an accessor without a buffer view. They are zero, and a few bytes of JSON
+/// can request any number of them.
 const MAX_BARE_ELEMENTS: u64 = 1 << 22;
 
 /// The type of a number.
@@ -41,7 +42,7 @@ impl Component {
         }
     }
 
-    /// The number at the start of `b`, and what stands for 1 where numbers are normalised.
+    /// The number at the start of `b`, and the number that represents 1 where numbers are normalised.
     fn float(self, b: &[u8]) -> (f32, f32) {
         match self {
             Self::I8 => (f32::from(b[0] as i8), f32::from(i8::MAX)),
@@ -53,7 +54,7 @@ impl Component {
         }
     }
 
-    /// The whole number at the start of `b`, of the three types that indices have.
+    /// The integer at the start of `b`, of one of the three types of indices.
     fn index(self, b: &[u8]) -> u32 {
         match self {
             Self::U8 => u32::from(b[0]),
@@ -67,7 +68,7 @@ impl Component {
     }
 }
 
-/// Elements of so many components of a type, all of them inside a buffer view.
+/// Elements of one component type, all of them inside a buffer view.
 struct Elements<'a> {
     /// From the first byte of the first element to the last byte of the last one.
     bytes: &'a [u8],
@@ -77,7 +78,7 @@ struct Elements<'a> {
 }
 
 impl<'a> Elements<'a> {
-    /// Checks that `count` elements are at an offset of a buffer view; `field` is the accessor, or its part.
+    /// Finds `count` elements at an offset of a buffer view; `field` is the accessor, or its part.
     fn find(
         document: &'a Document,
         (view, offset): (Whole, Whole),
@@ -107,7 +108,7 @@ impl<'a> Elements<'a> {
         Ok(Self { bytes, stride, count: count as usize, component })
     }
 
-    /// The bytes of each element and of what follows it.
+    /// The bytes from the start of each element on.
     fn iter(&self) -> impl Iterator<Item = &'a [u8]> + use<'a, '_> {
         (0..self.count).map(|i| &self.bytes[i * self.stride..])
     }
@@ -123,7 +124,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// Whether an accessor is of the type that has `N` components.
+/// Returns whether the type of an accessor has `N` components.
 pub fn has_components<const N: usize>(document: &Document, accessor: Whole) -> bool {
     document.root().accessors.get(accessor.index()).is_some_and(|accessor| accessor.kind == kind::<N>())
 }
@@ -182,7 +183,7 @@ pub fn read_indices(document: &Document, accessor: Whole, field: &str) -> Result
     Ok(values)
 }
 
-/// The accessor of an index, its component type and its name; accounts for its elements.
+/// Returns the accessor of an index, its component type and its field; counts its elements towards the limit.
 fn checked<'a>(
     document: &'a Document,
     index: Whole,
@@ -198,12 +199,12 @@ fn checked<'a>(
         let found = accessor.kind.escape_debug();
         return Err(document.invalid(format!("{field}.type"), format!("is {found}, but must be {kind} here")));
     }
-    // What asks for more than its buffer has is refused with better words later.
+    // A count beyond the buffer is rejected later, with a clearer error.
     document.reserve_elements(accessor.count.0.min(u64::from(u32::MAX)), &format!("{field}.count"))?;
     Ok((accessor, component, field))
 }
 
-/// How many zeros an accessor without a buffer view stands for.
+/// Returns the number of zeros of an accessor without a buffer view.
 fn bare_count(document: &Document, accessor: &Accessor, field: &str) -> Result<usize> {
     match accessor.count.0 {
         count @ 0..=MAX_BARE_ELEMENTS => Ok(count as usize),

@@ -16,14 +16,15 @@ use crate::{
     remark::Remark,
 };
 
-/// The most bytes that the file and all files it names may have together.
+/// Maximum number of bytes of the file and all files it references.
 const MAX_BYTES: u64 = 4 << 30;
 
-/// The most vertices and indices that all instances of all meshes may have together. Many nodes and primitives can name
-/// the same few bytes, so that a small file could otherwise ask for any amount of memory.
+/// Maximum number of vertices and indices of all instances of all meshes. Many nodes and primitives can
+/// reference the same few bytes, so that a small file could otherwise request any amount of memory.
 const MAX_ELEMENTS: u64 = 1 << 26;
 
-/// The most JSON objects. The parsed form of an empty one takes a hundred times its three bytes of text.
+/// Maximum number of JSON objects. Parsed, an empty one takes 100 times the memory of its three bytes of
+/// text.
 const MAX_OBJECTS: usize = 1 << 21;
 
 /// Extensions that are read, or that change neither light nor geometry.
@@ -39,7 +40,7 @@ const READ: [&str; 9] = [
     "MSFT_lod",
 ];
 
-/// Extensions that a file may require though they are not applied: the geometry and the base colours stay right without.
+/// Ignored extensions that a file may require: geometry and base colours are right without them.
 const LEFT_OUT: [&str; 13] = [
     "KHR_lights_punctual",
     "KHR_materials_anisotropy",
@@ -60,7 +61,7 @@ const LEFT_OUT: [&str; 13] = [
 pub struct Document {
     path: PathBuf,
     root: Root,
-    /// Read when they are first needed.
+    /// Read on first use.
     buffers: Vec<OnceCell<Vec<u8>>>,
     /// The binary chunk, until its buffer takes it.
     blob: RefCell<Option<Vec<u8>>>,
@@ -78,7 +79,7 @@ impl Document {
         if json.iter().filter(|&&byte| byte == b'{').count() > MAX_OBJECTS {
             return Err(Error::invalid(path, "JSON", format!("has more than {MAX_OBJECTS} objects")));
         }
-        // Some programs begin texts with a byte order mark.
+        // Some programs write a byte order mark.
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
         let root: Root = serde_json::from_slice(json)
             .map_err(|error| Error::invalid(path, "JSON", format!("is not a glTF document: {error}")))?;
@@ -96,12 +97,12 @@ impl Document {
         Ok(document)
     }
 
-    /// The JSON.
+    /// Returns the parsed JSON.
     pub fn root(&self) -> &Root {
         &self.root
     }
 
-    /// Remembers what is to be said of the file, once.
+    /// Records a remark, once.
     pub fn remark(&self, remark: Remark) {
         let mut remarks = self.remarks.borrow_mut();
         if !remarks.contains(&remark) {
@@ -109,27 +110,27 @@ impl Document {
         }
     }
 
-    /// Remembers a warning.
+    /// Records a warning, once.
     pub fn warn(&self, text: impl Into<String>) {
         self.remark(Remark::Warning(text.into()));
     }
 
-    /// All that was remembered.
+    /// Returns all remarks.
     pub fn into_remarks(self) -> Vec<Remark> {
         self.remarks.into_inner()
     }
 
-    /// An error about a field of this file.
+    /// Returns an error about a field of this file.
     pub fn invalid(&self, field: impl Into<String>, reason: impl Into<String>) -> Error {
         Error::invalid(&self.path, field, reason)
     }
 
-    /// What an index in `field` stands for.
+    /// Looks up an index given in `field`.
     pub fn get<'a, T>(&self, list: &'a [T], index: Whole, field: &str) -> Result<&'a T> {
         list.get(index.index()).ok_or_else(|| self.invalid(field, format!("index {} is out of range", index.0)))
     }
 
-    /// The bytes of a buffer view and their stride, if it has one.
+    /// Returns the bytes of a buffer view and their stride, if it has one.
     pub fn view(&self, index: Whole, field: &str) -> Result<(&[u8], Option<usize>)> {
         let view = self.get(&self.root.buffer_views, index, &format!("{field}.bufferView"))?;
         let index = index.0;
@@ -149,7 +150,7 @@ impl Document {
         Ok((bytes, view.byte_stride.map(Whole::index)))
     }
 
-    /// The bytes behind a URI in `field`.
+    /// Reads the bytes of a URI given in `field`.
     pub fn resolve(&self, uri: &str, field: &str) -> Result<Vec<u8>> {
         let shown: String = uri.chars().take(60).collect();
         match uri::parse(uri) {
@@ -163,7 +164,7 @@ impl Document {
         }
     }
 
-    /// Accounts for `count` vertices or indices that `field` asks for.
+    /// Counts the `count` vertices or indices of `field` towards the limit.
     pub fn reserve_elements(&self, count: u64, field: &str) -> Result<()> {
         let left = self.elements_left.get().checked_sub(count).ok_or_else(|| {
             self.invalid(field, format!("with its {count} elements the scene has more than {MAX_ELEMENTS}"))
@@ -192,7 +193,7 @@ impl Document {
         }
     }
 
-    /// The bytes of a buffer: those of the binary chunk for the first one without a URI.
+    /// Reads a buffer; the first one without a URI is the binary chunk.
     fn read_buffer(&self, index: usize) -> Result<Vec<u8>> {
         let buffer = &self.root.buffers[index];
         let field = format!("buffers[{index}]");
@@ -212,7 +213,7 @@ impl Document {
     }
 }
 
-/// The JSON of a file, and the binary chunk of a `.glb`.
+/// Splits a file into the JSON and the binary chunk of a `.glb`.
 fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)> {
     let Some(rest) = bytes.strip_prefix(b"glTF") else { return Ok((bytes, None)) };
     let number = |bytes: &[u8; 4]| u32::from_le_bytes(*bytes);
@@ -228,7 +229,7 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)
     }
     let (mut json, mut binary) = (None, None);
     let mut rest = &bytes[12..length as usize];
-    // Up to three bytes that make no chunk may be left.
+    // Trailing bytes that are shorter than a chunk header are ignored.
     while let Some((length, after)) = rest.split_first_chunk().filter(|_| rest.len() >= 8) {
         let (kind, after) = after.split_at(4);
         let Some(chunk) = after.get(..number(length) as usize) else {
@@ -238,7 +239,7 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)
         match kind {
             b"JSON" => json = json.or(Some(chunk)),
             b"BIN\0" => binary = binary.or(Some(chunk)),
-            // As the specification asks.
+            // The specification requires that unknown chunks be ignored.
             _ => {}
         }
         rest = &after[chunk.len()..];
@@ -247,7 +248,7 @@ fn split<'a>(path: &Path, bytes: &'a [u8]) -> Result<(&'a [u8], Option<Vec<u8>>)
     Ok((json, binary.map(<[u8]>::to_vec)))
 }
 
-/// Reads a whole file, and takes its size from `bytes_left`.
+/// Reads a whole file, and subtracts its size from `bytes_left`.
 fn read_file(path: &Path, bytes_left: &Cell<u64>) -> std::io::Result<Vec<u8>> {
     let (file, size) = open_regular(path)?;
     let Some(left) = bytes_left.get().checked_sub(size) else {

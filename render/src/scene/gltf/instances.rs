@@ -1,4 +1,5 @@
-//! From meshes and their nodes to triangles in world space, or to copies by reference in large scenes.
+//! Conversion of meshes and their nodes to triangles in world space, or to copies by reference in large
+//! scenes.
 
 use std::collections::HashMap;
 
@@ -10,8 +11,8 @@ use crate::{
     scene::{MAX_COORDINATE, Mesh, copies::is_placement},
 };
 
-/// The meshes of instances in their own coordinates with their transforms to world space: one transform each, or several
-/// where there would be more than `most_copied` triangles.
+/// Reads the meshes of instances in their own coordinates with their transforms to world space: one transform
+/// each, or several where there would be more than `most_copied` triangles.
 pub fn read(document: &Document, instances: Vec<Instance>, most_copied: usize) -> Result<Vec<(Mesh, Vec<DAffine3>)>> {
     let mut shared: HashMap<usize, Shared> = HashMap::new();
     for instance in instances.iter().filter(|instance| instance.is_plain()) {
@@ -50,15 +51,15 @@ pub fn read(document: &Document, instances: Vec<Instance>, most_copied: usize) -
     Ok(placed)
 }
 
-/// A mesh of the file, as it is without a node's own weights or a skin.
+/// A mesh of the file, without a node's own weights or a skin.
 struct Shared {
-    /// One for each primitive.
+    /// One mesh per primitive.
     meshes: Vec<Mesh>,
     /// How many instances show it.
     uses: usize,
-    /// Where the copies by reference are, once there are any.
+    /// Index of the copies by reference, once there are any.
     first: Option<usize>,
-    /// Whether there is a copy of its own memory.
+    /// Whether there is a copy with its own memory.
     is_copied: bool,
 }
 
@@ -73,7 +74,7 @@ impl Shared {
     }
 }
 
-/// A mesh moved to the world, whose origin is at `origin` of the file's, or its copies.
+/// Moves a mesh, or its copies, to world space, whose origin is at `origin` of the file's.
 pub fn place(document: &Document, mesh: Mesh, places: &[DAffine3], origin: DVec3) -> Result<Mesh> {
     let field = format!("mesh '{}', placed by its node", mesh.name.escape_debug());
     let shifted = |to_world: &DAffine3| DAffine3::from_translation(-origin) * *to_world;
@@ -97,7 +98,7 @@ pub fn place(document: &Document, mesh: Mesh, places: &[DAffine3], origin: DVec3
     });
     let moved = mesh.transformed(&shifted.as_affine3a());
     let Mesh { positions, normals, texcoords, triangles, material, .. } = moved;
-    // Checked a second time: the transform may have made them infinite.
+    // Checked again: the transform may have made positions infinite.
     Mesh::new(exact.unwrap_or(positions), normals, texcoords, triangles, material)
         .map(|mesh| Mesh {
             roughness_texcoords: moved.roughness_texcoords,

@@ -1,6 +1,8 @@
-//! The part of a glTF document that is read: what it may leave out, and how numbers may be written, is as in the specification and as in files.
+//! The part of a glTF document that is read. Optional fields and the notation of numbers are as in the
+//! specification and as in files.
 //!
-//! What is not read (animations, extras, unknown extensions) is skipped without a look, so that nothing in it can make a file unreadable.
+//! Other parts (animations, extras, unknown extensions) are skipped unchecked, so that they cannot make a
+//! file unreadable.
 
 use std::collections::HashMap;
 
@@ -12,7 +14,7 @@ use serde_json::Value;
 pub struct Whole(pub u64);
 
 impl Whole {
-    /// The number as an index; beyond any array where it does not fit.
+    /// Returns the number as an index; beyond any array if it does not fit.
     pub fn index(self) -> usize {
         usize::try_from(self.0).unwrap_or(usize::MAX)
     }
@@ -33,7 +35,7 @@ impl<'de> Deserialize<'de> for Whole {
             }
 
             fn visit_f64<E: de::Error>(self, value: f64) -> Result<Whole, E> {
-                // Above, numbers are no longer whole.
+                // Above 2^53, f64 does not represent every integer.
                 let is_whole = value.fract() == 0.0 && (0.0..=9_007_199_254_740_992.0).contains(&value);
                 is_whole
                     .then_some(Whole(value as u64))
@@ -101,7 +103,7 @@ pub struct SparsePart {
     pub buffer_view: Whole,
     #[serde(default)]
     pub byte_offset: Whole,
-    /// Of the indices alone.
+    /// For indices only.
     pub component_type: Option<Whole>,
 }
 
@@ -137,7 +139,7 @@ pub struct Perspective {
     pub yfov: f32,
 }
 
-/// Half of the picture's height in the units of the node.
+/// Half the image's height in the units of the node.
 #[derive(Deserialize)]
 pub struct Orthographic {
     pub ymag: f32,
@@ -154,7 +156,7 @@ pub struct Image {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Material {
-    /// Of alpha mode `MASK` alone.
+    /// For alpha mode `MASK` only.
     pub alpha_cutoff: Option<f32>,
     pub alpha_mode: Option<String>,
     pub emissive_factor: [f32; 3],
@@ -165,7 +167,7 @@ pub struct Material {
 }
 
 impl Material {
-    /// Whether surfaces are opaque where alpha is at least the cutoff, and absent elsewhere.
+    /// Returns whether surfaces are opaque where alpha is at least the cutoff, and absent elsewhere.
     pub fn is_masked(&self) -> bool {
         self.alpha_mode.as_deref() == Some("MASK")
     }
@@ -176,7 +178,7 @@ impl Material {
 pub struct MaterialExtensions {
     #[serde(rename = "KHR_materials_emissive_strength")]
     pub emissive_strength: Option<EmissiveStrength>,
-    /// All others.
+    /// All other extensions.
     #[serde(flatten)]
     pub others: HashMap<String, de::IgnoredAny>,
 }
@@ -217,7 +219,7 @@ pub struct TextureInfo {
     pub index: Whole,
     #[serde(default)]
     pub tex_coord: Whole,
-    /// Of normal textures alone.
+    /// For normal textures only.
     pub scale: Option<f32>,
     #[serde(default)]
     pub extensions: TextureInfoExtensions,
@@ -309,7 +311,7 @@ pub struct Scene {
     pub nodes: Vec<Whole>,
 }
 
-/// Looked at when a node of the scene has one; none if they are not a list.
+/// Parsed when a node of the scene has one; empty if they are not a list.
 #[derive(Default)]
 pub struct Skins(pub Vec<Value>);
 

@@ -5,10 +5,10 @@ use std::collections::{BTreeSet, HashMap};
 use super::{document::Document, json, materials::Textures};
 use crate::{error::Result, scene::mask::Mask};
 
-/// The cutoff of materials that name none.
+/// The cutoff of materials without one.
 const DEFAULT_CUTOFF: f32 = 0.5;
 
-/// The masks of the materials in `used`, by index.
+/// Reads the masks of the materials in `used`, by index.
 ///
 /// # Errors
 /// When a mask cannot be read and `is_strict`. If not strict, a warning is raised and the material

@@ -20,12 +20,12 @@ use crate::{
     scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap, texture::AlphaTexture},
 };
 
-/// The most texels that all textures of a file may have together (768 MiB, and 256 MiB of alpha if all are masks). One
-/// image can be named by any number of textures, and compresses to almost nothing when it is blank.
+/// Maximum number of texels of all textures of a file (768 MiB, and 256 MiB of alpha if all are masks). One
+/// image can be used by any number of textures, and compresses to almost nothing when it is blank.
 const MAX_TEXELS: u64 = 1 << 28;
 
-/// The materials of the file in their order, and the default one behind them. The textures of materials outside of
-/// `used` are not read.
+/// Reads the materials of the file in their order, followed by the default one. The textures of materials
+/// outside `used` are not read.
 pub fn read_all(document: &Document, used: &BTreeSet<usize>, textures: &mut Textures<'_>) -> Result<Vec<Material>> {
     let mut materials = Vec::new();
     for (i, material) in document.root().materials.iter().enumerate() {
@@ -40,7 +40,7 @@ pub fn read_all(document: &Document, used: &BTreeSet<usize>, textures: &mut Text
     Ok(materials)
 }
 
-/// What a material has that the model has not.
+/// Warns of features of a material that are ignored.
 fn warn_of_what_is_left_out(document: &Document, material: &json::Material) {
     let mut extensions: Vec<&String> = material.extensions.others.keys().collect();
     extensions.sort();
@@ -126,7 +126,7 @@ impl<'a> Textures<'a> {
         Self { document, read: HashMap::new(), alphas: HashMap::new(), texels_left: MAX_TEXELS }
     }
 
-    /// The texture of that index, which stands in `field`; `None` where it has no image that can be read.
+    /// Returns the texture of an index given in `field`; `None` if its image format is not supported.
     fn get(&mut self, index: Whole, field: &str) -> Result<Option<Arc<Texture>>> {
         if let Some(texture) = self.read.get(&index.index()) {
             return Ok(Some(Arc::clone(texture)));
@@ -135,8 +135,8 @@ impl<'a> Textures<'a> {
         self.keep_color(index, decoded).map(Some)
     }
 
-    /// The alpha channel of the texture of that index, which stands in `field`; `None` if it has none
-    /// or its image cannot be read. The colours are kept too, so that the image is decoded once.
+    /// Returns the alpha channel of the texture of an index given in `field`; `None` if it has none or its
+    /// image format is not supported. The colours are kept too, so that the image is decoded once.
     pub fn alpha(&mut self, index: Whole, field: &str) -> Result<Option<Arc<AlphaTexture>>> {
         if let Some(alpha) = self.alphas.get(&index.index()) {
             return Ok(alpha.clone());
@@ -156,8 +156,7 @@ impl<'a> Textures<'a> {
         Ok(texture)
     }
 
-    /// Decodes the image of the texture of that index, which stands in `field`; `None` if its format
-    /// is not supported.
+    /// Decodes the image of the texture of an index given in `field`; `None` if its format is not supported.
     fn decode(&mut self, index: Whole, field: &str) -> Result<Option<Decoded>> {
         let (document, root) = (self.document, self.document.root());
         let texture = document.get(&root.textures, index, field)?;
@@ -179,7 +178,7 @@ impl<'a> Textures<'a> {
         };
         let image = document.get(&root.images, source, &format!("{field}.source"))?;
         let field = format!("images[{}]", source.0);
-        // The file itself says that they are neither PNG nor JPEG.
+        // The file declares that they are neither PNG nor JPEG.
         if let Some(kind @ ("image/webp" | "image/ktx2" | "image/avif" | "image/vnd-ms.dds")) =
             image.mime_type.as_deref()
         {
@@ -227,7 +226,6 @@ impl Decoded {
         AlphaTexture::new(width, height, texels, self.wrap).map(Some)
     }
 
-    /// The colours.
     fn into_color(self) -> Result<Texture> {
         let ((width, height), wrap) = (self.size(), self.wrap);
         let texels = self.image.into_rgb8().pixels().map(|pixel| pixel.0).collect();

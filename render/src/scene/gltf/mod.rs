@@ -1,14 +1,14 @@
 //! Reads glTF 2.0 scenes, `.gltf` and `.glb`.
 //!
-//! The document is read by types of our own ([`json`]), which are as lenient as the specification, and as files. Each index is looked up with a
-//! check, and each size is checked before anything is allocated for it.
+//! The document is parsed into the types of [`json`], which are as lenient as the specification and as files
+//! require. Each index is checked before its use, and each size before anything is allocated for it.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `json.rs` | the part of a document that is read |
 //! | `document.rs`, `uri.rs` | the file with its buffers; where bytes are |
 //! | `accessor.rs` | typed elements of buffers |
-//! | `nodes.rs`, `instances.rs` | the node hierarchy and cameras; meshes in their places |
+//! | `nodes.rs`, `instances.rs` | the node hierarchy and cameras; placed meshes |
 //! | `primitive.rs`, `skins.rs` | the triangles of a mesh; vertices moved by joints |
 //! | `materials.rs`, `masks.rs` | materials with textures; alpha masks |
 
@@ -39,20 +39,20 @@ use document::Document;
 use materials::Textures;
 use nodes::Placed;
 
-/// A scene whose middle is farther from the origin than this many times its size is moved there: positions of 32 bits would not tell apart
-/// what is a ten-thousandth of its size.
+/// A scene whose middle is farther from the origin than this many times its size is moved there: f32
+/// positions would resolve only 1e-4 of its size.
 const FAR: f64 = 1e3;
 
-/// Scenes of more triangles share meshes between nodes: a copied triangle takes about 250 bytes. Below, copies
-/// in world space are faster to trace.
+/// Scenes of more triangles share meshes between nodes: a copied triangle takes about 250 bytes. In smaller
+/// scenes, copies in world space are faster to trace.
 const MOST_COPIED: usize = 1 << 21;
 
-/// What is read of a glTF file.
+/// Options for reading a glTF file.
 #[derive(Clone, Debug)]
 pub struct LoadOptions<'a> {
-    /// The name or the number of the scene; without it the file's default.
+    /// The name or the number of the scene; `None` for the file's default.
     pub scene: Option<&'a str>,
-    /// Whether materials and textures are read; without them, all surfaces are of glTF's default material.
+    /// Whether materials and textures are read; without them, all surfaces have glTF's default material.
     ///
     /// Alpha masks are read in both cases, with the textures they need, because they change visibility.
     /// A mask that cannot be read is an error with materials. Without them it raises a warning, and its
@@ -77,19 +77,21 @@ impl Scene {
 
     /// Loads a scene of a glTF 2.0 file.
     ///
-    /// Read are the node hierarchy with instances, triangles with normals, texture coordinates and vertex colours, morph targets at their
-    /// weights, skins in the pose of the nodes, cameras, and metallic-roughness materials with their textures of base colour, metalness with roughness, normals and emission,
-    /// and their alpha masks.
-    /// [`Self::remarks`] names what a file has besides and is left out. A scene far from the origin is moved there.
+    /// The loader reads the node hierarchy with instances, triangles with normals, texture coordinates and
+    /// vertex colours, morph targets at their weights, skins in the pose of the nodes, cameras, and
+    /// metallic-roughness materials with their textures of base colour, metalness with roughness, normals and
+    /// emission, and their alpha masks. [`Self::remarks`] names the features of the file that are ignored. A
+    /// scene far from the origin is moved there.
     ///
     /// # Errors
-    /// When the file or one that it names cannot be read, or a field does not hold what glTF asks of it. External files
+    /// When the file or one that it references cannot be read, or a field is not valid glTF. External files
     /// must lie in the folder of `path` or below.
     pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Self> {
         Self::load_within(path, options, MOST_COPIED)
     }
 
-    /// [`Self::load_with`]; meshes are shared between their nodes where there would be more than `most_copied` triangles.
+    /// [`Self::load_with`] that shares meshes between their nodes if there would be more than `most_copied`
+    /// triangles.
     pub(super) fn load_within(path: &Path, options: &LoadOptions<'_>, most_copied: usize) -> Result<Self> {
         let document = Document::open(path)?;
         let Placed { meshes: instances, cameras } = nodes::placed(&document, options.scene)?;
@@ -119,7 +121,7 @@ impl Scene {
     }
 }
 
-/// The meshes with their alpha masks, and the materials they refer to: the file's or, if not
+/// Returns the meshes with their alpha masks, and the materials they refer to: the file's or, if not
 /// `materials`, copies of the default one.
 fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Result<(Vec<Mesh>, Vec<Material>)> {
     let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
@@ -154,7 +156,7 @@ fn warn_of_missing_texcoords(document: &Document, mesh: &Mesh) {
     }
 }
 
-/// Where the origin of the scene is to be: in the middle of what is far away, to whole metres.
+/// Returns the new origin of the scene, in whole metres: its middle if that is far away, else zero.
 fn origin(meshes: &[(Mesh, Vec<DAffine3>)]) -> DVec3 {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for (mesh, places) in meshes {
@@ -168,7 +170,7 @@ fn origin(meshes: &[(Mesh, Vec<DAffine3>)]) -> DVec3 {
     if is_far { middle.round() } else { DVec3::ZERO }
 }
 
-/// Turns an error about a value that was made from `field` into one that names the file and the field.
+/// Adds the file and the field to an error about a value made from `field`.
 fn in_field(document: &Document, field: &str, error: Error) -> Error {
     match error {
         Error::Argument { what, reason } => document.invalid(format!("{field}: {what}"), reason),

@@ -1,4 +1,4 @@
-//! The node hierarchy: which meshes are where, and the cameras.
+//! The node hierarchy: placed meshes and cameras.
 
 use std::collections::HashMap;
 
@@ -17,13 +17,13 @@ use crate::{error::Result, remark::Remark, scene::Camera};
 pub struct Instance {
     /// Index of the mesh.
     pub mesh: usize,
-    /// From the mesh's coordinates to the world's.
+    /// Transform from mesh coordinates to world space.
     pub to_world: DAffine3,
     /// The node's name, or else the mesh's; empty where neither has one.
     pub name: String,
     /// Weights of the morph targets, where the node has its own.
     pub weights: Option<Vec<f32>>,
-    /// The transforms of joints that take the place of `to_world`; empty without a skin.
+    /// The transforms of joints, which replace `to_world`; empty without a skin.
     pub joints: Vec<DAffine3>,
 }
 
@@ -32,13 +32,13 @@ impl Instance {
         Self { mesh, to_world: DAffine3::IDENTITY, name: String::new(), weights: None, joints: Vec::new() }
     }
 
-    /// Whether it shows the mesh as other instances do.
+    /// Returns whether it has neither morph weights of its own nor a skin.
     pub fn is_plain(&self) -> bool {
         self.weights.is_none() && self.joints.is_empty()
     }
 }
 
-/// A camera of the file and where it is.
+/// A camera of the file with its transform.
 pub struct PlacedCamera {
     /// Index of the camera.
     pub camera: Whole,
@@ -47,7 +47,7 @@ pub struct PlacedCamera {
     to_world: DAffine3,
 }
 
-/// What the nodes of a scene hold, in depth-first order.
+/// The meshes and cameras of a scene's nodes, in depth-first order.
 #[derive(Default)]
 pub struct Placed {
     /// Meshes with their transforms.
@@ -68,13 +68,14 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
     }
     let mut globals: Vec<Option<DAffine3>> = vec![None; root.nodes.len()];
     let mut skinned = Vec::new();
-    // A stack, not a recursion: the depth is up to the file.
+    // A stack, not recursion: the file determines the depth.
     let mut open: Vec<(Whole, DAffine3, String)> = Vec::new();
     open.extend(roots.into_iter().rev().map(|node| (node, DAffine3::IDENTITY, from.clone())));
     while let Some((index, parent, from)) = open.pop() {
         let node = document.get(&root.nodes, index, &from)?;
         let index = index.index();
-        // The hierarchy must be a forest; this refuses cycles, and sharing, which could double with each level.
+        // The hierarchy must be a forest; this rejects cycles, and sharing, which could double the nodes per
+        // level.
         if globals[index].is_some() {
             return Err(document.invalid(from, format!("node {index} is reached a second time: nodes form no tree")));
         }
@@ -102,14 +103,14 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
     for (instances, skin, field) in skinned {
         let joints = read_joints(document, skin, &globals, &field)?;
         for instance in &mut placed.meshes[instances] {
-            // The node's own transform has no part in it, as the specification asks.
+            // The specification ignores the node's own transform.
             (instance.to_world, instance.joints) = (DAffine3::IDENTITY, joints.clone());
         }
     }
     Ok(placed)
 }
 
-/// The nodes that a scene begins with, and the field that names them.
+/// Returns the root nodes of a scene, and the field that lists them.
 fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String)> {
     let root = document.root();
     let index = match scene {
@@ -126,7 +127,7 @@ fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String
             })?
         }
         None if root.scenes.is_empty() && root.scene.is_none() => {
-            // As the specification allows: a library of nodes.
+            // The specification allows files without scenes: libraries of nodes.
             let mut is_child = vec![false; root.nodes.len()];
             for child in root.nodes.iter().flat_map(|node| &node.children) {
                 if let Some(is_child) = is_child.get_mut(child.index()) {
@@ -142,7 +143,7 @@ fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String
     Ok((scene.nodes.clone(), format!("scenes[{index}].nodes")))
 }
 
-/// Adds the mesh of a node, once or as often as it is instanced.
+/// Adds the mesh of a node once, or once per instance.
 fn place_mesh(
     document: &Document,
     node: &Node,
@@ -221,13 +222,13 @@ fn local_transform(document: &Document, node: &Node, field: &str) -> Result<DAff
             DAffine3::from_scale_rotation_translation(scale, rotation.normalize(), translation)
         }
     };
-    // What f32 cannot hold is refused as what f64 cannot.
+    // Values that overflow f32 are rejected, too.
     let is_finite = transform.to_cols_array().iter().all(|&x| (x as f32).is_finite());
     if is_finite { Ok(transform) } else { Err(document.invalid(field, "its transform is not finite")) }
 }
 
 impl PlacedCamera {
-    /// The camera, which looks along the node's -Z, relative to `origin`.
+    /// Returns the camera, which looks along the node's -Z, relative to `origin`.
     pub fn open(&self, document: &Document, origin: DVec3) -> Result<Camera> {
         let index = self.camera;
         let camera = document.get(&document.root().cameras, index, "cameras")?;
@@ -254,16 +255,16 @@ fn perspective_camera(to_world: &Affine3A, vertical_fov: f32) -> Result<Camera> 
     let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
     let upright = Camera::new(look_from, look_at, vertical_fov.to_degrees())?;
     let motion = rigid(to_world);
-    // Stored with six digits, a camera without roll has one of a thousandth of a degree.
+    // Rounding to six digits gives a camera without roll one of 0.001 degrees.
     let is_upright = upright.to_world().matrix3.y_axis.dot(motion.matrix3.y_axis) > 1.0 - 1e-6;
     if is_upright { Ok(upright) } else { Camera::of_photograph(motion, (0.5 * vertical_fov).tan(), Vec2::ZERO) }
 }
 
-/// The rotation and the translation of a transform.
+/// Returns the rotation and the translation of a transform.
 fn rigid(to_world: &Affine3A) -> Affine3A {
     let back = to_world.matrix3.z_axis.normalize_or_zero();
     let up = to_world.matrix3.y_axis.reject_from_normalized(back).normalize_or_zero();
     let matrix3 = glam::Mat3A::from_cols(up.cross(back), up, back);
-    // Checked to be a rotation by the camera that is made of it.
+    // `Camera` checks that this is a rotation.
     Affine3A { matrix3, translation: to_world.translation }
 }

@@ -1,4 +1,4 @@
-//! From the primitives of a mesh to its triangles.
+//! The triangles of a mesh's primitives.
 
 use glam::{DAffine3, Vec2, Vec3, Vec4};
 
@@ -14,13 +14,13 @@ use crate::{
     scene::{Mesh, TangentSpace},
 };
 
-/// The modes of primitives that are triangles.
+/// The modes of primitives that have triangles.
 const TRIANGLES: u64 = 4;
 const TRIANGLE_STRIP: u64 = 5;
 const TRIANGLE_FAN: u64 = 6;
 
-/// The triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left out. `weights` are those of morph targets,
-/// `joints` the transforms of a skin, if there is one.
+/// Reads the triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left
+/// out. `weights` are those of morph targets, `joints` the transforms of a skin, if there is one.
 pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>, joints: &[DAffine3]) -> Result<Vec<Mesh>> {
     let own = &document.root().meshes[index];
     let weights = weights.unwrap_or(&own.weights);
@@ -37,7 +37,7 @@ pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>, joi
     Ok(meshes)
 }
 
-/// A primitive in the coordinates of its mesh.
+/// Reads a primitive in the coordinates of its mesh; `None` if it has no triangles.
 fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], field: &str) -> Result<Option<Mesh>> {
     let mode = match primitive.mode.map_or(TRIANGLES, |mode| mode.0) {
         mode @ TRIANGLES..=TRIANGLE_FAN => mode,
@@ -80,7 +80,8 @@ fn read_primitive(document: &Document, primitive: &Primitive, weights: &[f32], f
     };
     let texcoords = match color {
         Some(info) => attributes.texcoords_of(info)?,
-        // Materials that are given by name want coordinates where no texture of the file does. Broken ones are none: the file is whole without.
+        // Materials of `--material` may need coordinates that no texture of the file uses. Invalid ones are
+        // dropped, because the file does not need them.
         None => {
             let is_whole = |own: &Vec<Vec2>| own.len() == positions.len() && own.iter().all(|place| place.is_finite());
             attributes.texcoords(Whole(0)).ok().filter(is_whole).unwrap_or_default()
@@ -119,7 +120,7 @@ impl Attributes<'_> {
     }
 
     fn positions(&self) -> Result<Vec<Vec3>> {
-        // Primitives without are left out before.
+        // The caller skips primitives without positions.
         let Some((accessor, field)) = self.find("POSITION") else { return Ok(Vec::new()) };
         self.morphed("POSITION", read_vectors(self.document, accessor, &field)?)
     }
@@ -135,7 +136,7 @@ impl Attributes<'_> {
         Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec4::from_array).collect())
     }
 
-    /// The values of an attribute with the displacements of its targets.
+    /// Adds the weighted displacements of the targets to the values of an attribute.
     fn morphed(&self, name: &str, values: Vec<[f32; 3]>) -> Result<Vec<Vec3>> {
         let mut values: Vec<Vec3> = values.into_iter().map(Vec3::from_array).collect();
         for (k, (target, &weight)) in self.primitive.targets.iter().zip(self.weights).enumerate() {
@@ -171,7 +172,7 @@ impl Attributes<'_> {
         Ok(read_vectors(self.document, accessor, &field)?.into_iter().map(Vec2::from_array).collect())
     }
 
-    /// The coordinates of a texture, moved as it asks for.
+    /// The coordinates of a texture, after its `KHR_texture_transform`.
     fn texcoords_of(&self, info: &TextureInfo) -> Result<Vec<Vec2>> {
         let mut texcoords = self.texcoords(set_of(info))?;
         if let Some(transform) = transform_of(info) {
@@ -188,7 +189,7 @@ impl Attributes<'_> {
     }
 }
 
-/// The set of coordinates of a texture, which its transform may name anew.
+/// The coordinate set of a texture, which its transform may override.
 fn set_of(info: &TextureInfo) -> Whole {
     info.extensions.transform.and_then(|transform| transform.tex_coord).unwrap_or(info.tex_coord)
 }
@@ -199,11 +200,11 @@ fn transform_of(info: &TextureInfo) -> Option<TextureTransform> {
     (transform != TextureTransform::default()).then_some(transform)
 }
 
-/// Gives vertices whose normal is no direction that of their triangles, weighted by their areas.
+/// Replaces invalid vertex normals by those of adjacent triangles, weighted by their areas.
 fn repair_normals(document: &Document, normals: &mut [Vec3], positions: &[Vec3], triangles: &[[u32; 3]]) {
     let is_broken = |normal: &Vec3| !normal.is_finite() || *normal == Vec3::ZERO;
     let count = normals.iter().filter(|normal| is_broken(normal)).count();
-    // Lists of different lengths are refused later.
+    // Lists of different lengths are rejected later.
     if count == 0 || normals.len() != positions.len() {
         return;
     }
@@ -215,13 +216,14 @@ fn repair_normals(document: &Document, normals: &mut [Vec3], positions: &[Vec3],
         triangle.iter().for_each(|&i| sums[i as usize] += normal);
     }
     for (normal, sum) in normals.iter_mut().zip(sums).filter(|(normal, _)| is_broken(normal)) {
-        // Of a vertex without triangles, nothing is seen.
+        // A vertex without triangles is not visible.
         *normal = sum.try_normalize().unwrap_or(Vec3::ZERO);
     }
     document.warn(format!("replaced {count} invalid normals by those of adjacent triangles"));
 }
 
-/// The index of the primitive's material, and how it refers to the textures of base colour, of metalness and roughness, of normals and of emission.
+/// Returns the index of the primitive's material, and its references to the textures of base colour,
+/// metalness and roughness, normals and emission.
 ///
 /// The index after the last one is the default material.
 fn material<'a>(
@@ -242,7 +244,7 @@ fn material<'a>(
     Ok((index.index(), textures.map(Option::as_ref)))
 }
 
-/// The triangles of a list, strip or fan of vertices; a rest that makes no triangle is left out.
+/// Returns the triangles of a list, strip or fan of vertices; incomplete triangles are left out.
 fn triangles(mode: u64, indices: &[u32]) -> Vec<[u32; 3]> {
     match mode {
         TRIANGLE_STRIP => {

@@ -1,4 +1,4 @@
-//! Skins: vertices that follow the nodes of a skeleton, in the pose that the nodes have without animations.
+//! Skins: vertices that follow the nodes of a skeleton, in their pose without animations.
 
 use glam::{Affine3A, DAffine3, DMat3, DMat4};
 use serde::Deserialize;
@@ -17,7 +17,8 @@ use crate::{
     },
 };
 
-/// The transforms of a skin's joints from the mesh at rest to world space; `globals` are those of the nodes in the scene.
+/// Reads the transforms of a skin's joints from the mesh at rest to world space; `globals` are those of the
+/// nodes in the scene.
 pub fn read_joints(
     document: &Document,
     skin: Whole,
@@ -63,7 +64,7 @@ pub fn bend(document: &Document, primitive: &Primitive, joints: &[DAffine3], mes
             *tangent = moved_tangent(*tangent, &rounded);
         }
     }
-    // Checked again: joints may take them anywhere.
+    // Checked again: joints may move vertices anywhere.
     Mesh::new(positions, normals, mesh.texcoords, mesh.triangles, mesh.material)
         .map(|moved| Mesh {
             tangent_space,
@@ -79,7 +80,7 @@ pub fn bend(document: &Document, primitive: &Primitive, joints: &[DAffine3], mes
 /// The joints of a vertex with their weights.
 type Influences = Vec<(usize, f64)>;
 
-/// Of each vertex, the joints that move it.
+/// Reads the joints that move each vertex.
 fn influences(document: &Document, primitive: &Primitive, vertices: usize, field: &str) -> Result<Vec<Influences>> {
     let mut influences = vec![Influences::new(); vertices];
     for set in 0.. {
@@ -99,7 +100,7 @@ fn influences(document: &Document, primitive: &Primitive, vertices: usize, field
             return Err(document.invalid(&fields[0], reason));
         }
         for ((own, joints), weights) in influences.iter_mut().zip(joints).zip(weights) {
-            // Whole numbers of at most 16 bits.
+            // Joint indices are integers of at most 16 bits.
             let pairs = joints.into_iter().zip(weights).map(|(joint, weight)| (joint as usize, f64::from(weight)));
             own.extend(pairs.filter(|&(_, weight)| weight != 0.0));
         }
@@ -107,7 +108,8 @@ fn influences(document: &Document, primitive: &Primitive, vertices: usize, field
     Ok(influences)
 }
 
-/// The weighted mean of joints' transforms; the first joint's for a vertex without weights. `None` without such joints.
+/// Returns the weighted mean of the joints' transforms; the first joint's for a vertex without weights.
+/// `None` if a joint does not exist.
 fn blend(joints: &[DAffine3], influences: &[(usize, f64)]) -> Option<DAffine3> {
     let total: f64 = influences.iter().map(|(_, weight)| weight).sum();
     if influences.is_empty() || total == 0.0 {

@@ -1,4 +1,4 @@
-//! Where the bytes behind a URI of a glTF file are.
+//! URIs of glTF files: embedded data or relative paths.
 
 use std::path::{Component, PathBuf};
 
@@ -13,7 +13,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
     GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
 );
 
-/// What a URI names.
+/// The source of a URI's bytes.
 #[derive(Debug, PartialEq)]
 pub enum Source {
     /// The bytes are in the URI.
@@ -22,7 +22,7 @@ pub enum Source {
     File(PathBuf),
 }
 
-/// Reads a URI; the error is the end of a sentence that begins with it.
+/// Parses a URI; the error completes a sentence whose subject is the URI.
 pub fn parse(uri: &str) -> Result<Source, String> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (kind, payload) = data.split_once(',').ok_or("has no data")?;
@@ -41,7 +41,7 @@ pub fn parse(uri: &str) -> Result<Source, String> {
     Ok(Source::File(path.into()))
 }
 
-/// Replaces `%41` by `A`.
+/// Decodes percent escapes, such as `%41` for `A`.
 fn percent_decode(text: &str) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.bytes();
@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_and_data_are_told_apart() {
+    fn file_and_data_uris_are_distinguished() {
         assert_eq!(parse("a%20b/./c.bin"), Ok(Source::File("a b/./c.bin".into())));
         assert_eq!(parse("data:application/octet-stream;base64,AQID"), Ok(Source::Data(vec![1, 2, 3])));
         assert_eq!(parse("data:;base64,AQI="), Ok(Source::Data(vec![1, 2])));
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_outside_of_the_folder_is_read() {
+    fn paths_outside_of_the_folder_and_invalid_uris_are_rejected() {
         for uri in [
             "../a",
             "a/../../b",

@@ -69,7 +69,7 @@ fn visible(scene: &Scene, rays: &[Ray]) -> Vec<bool> {
 struct Crossing {
     t: f64,
     alpha: f32,
-    /// Of the angle between the ray and the triangle's normal, without sign.
+    /// Absolute cosine of the angle between the ray and the triangle's normal.
     cosine: f64,
 }
 
@@ -147,7 +147,7 @@ fn masks_without_holes_change_no_hit() {
 }
 
 #[test]
-fn masks_that_decide_nothing_are_dropped() {
+fn masks_without_effect_are_dropped() {
     let own = |alphas: &[u8], factor: f32| {
         let own = sheet(Vec3::ZERO, [Vec3::X, Vec3::Y]).with_mask(Mask { factor, ..mask(2, alphas) });
         (own.mask.is_some(), own.triangles.len())
@@ -157,7 +157,7 @@ fn masks_that_decide_nothing_are_dropped() {
     assert_eq!(own(&[127, 0], 1.0), (false, 0));
     assert_eq!(own(&[255, 254], 0.4), (false, 0));
     assert_eq!(own(&[255, 128], 0.9), (true, 2));
-    // Alphas of the vertices count, and texels do not where there are no coordinates.
+    // Vertex alphas apply; without coordinates, texels do not.
     let bare = Mesh { texcoords: vec![], ..sheet(Vec3::ZERO, [Vec3::X, Vec3::Y]) };
     assert!(bare.clone().with_mask(mask(2, &[255, 0])).mask.is_none());
     let faded = bare.with_alphas(vec![1.0, 0.2, 0.2, 1.0]).unwrap();
@@ -231,7 +231,7 @@ fn parts_and_other_materials_keep_masks() {
 }
 
 #[test]
-fn hashes_tell_masks_apart() {
+fn hashes_distinguish_masks() {
     let of = |mask: Option<Mask>, alphas: Vec<f32>| {
         let own = sheet(Vec3::ZERO, [Vec3::X, Vec3::Y]).with_alphas(alphas).unwrap();
         let own = match mask {

@@ -1,10 +1,10 @@
 //! Eight numbers side by side: one AVX2 register, or a plain array where there is none.
 //!
-//! Both forms round alike, so that rays find the same on every processor.
+//! Both forms round alike, so that hits are the same on every processor.
 
 use super::WIDTH;
 
-/// A number for each child or triangle.
+/// One number per child or triangle.
 pub type Lanes = [f32; WIDTH];
 
 /// Operations on eight numbers.
@@ -15,13 +15,13 @@ pub trait Eight: Copy {
     /// The lanes from which numbers are picked.
     type Places: Copy;
 
-    /// The numbers whose bits are given.
+    /// Loads numbers from their bits.
     fn load(self, bits: &[u32; WIDTH]) -> Self::Floats;
 
     /// The bits of the numbers.
     fn store(self, a: Self::Floats) -> [u32; WIDTH];
 
-    /// The same number eight times.
+    /// `a` in all lanes.
     fn splat(self, a: f32) -> Self::Floats;
 
     /// `a` with the bits of a number set in each lane.
@@ -39,19 +39,19 @@ pub trait Eight: Copy {
     /// `a / b`.
     fn div(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
-    /// The smaller of each two; `b` where either is not a number.
+    /// The smaller of each two; `b` where either is NaN.
     fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
-    /// The greater of each two; `b` where either is not a number.
+    /// The greater of each two; `b` where either is NaN.
     fn max(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
-    /// `a` with the signs of `b`; `a` has none.
+    /// `a` with the signs of `b`; `a` is not negative.
     fn with_signs(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
     /// `a` without its signs.
     fn abs(self, a: Self::Floats) -> Self::Floats;
 
-    /// Both of two comparisons.
+    /// The conjunction of two comparisons.
     fn both(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
 
     /// `a` where a comparison holds, else `b`.
@@ -63,20 +63,20 @@ pub trait Eight: Copy {
     /// The signs of the lanes as bits.
     fn signs(self, a: Self::Floats) -> u32;
 
-    /// The lanes that are listed from the lowest bits up, with three bits each.
+    /// Unpacks a list of lanes, three bits each, from the lowest bits up.
     fn places(self, list: u32) -> Self::Places;
 
-    /// The first numbers are those of the lanes in a set, in order.
+    /// The lanes of a set, in order, moved to the front.
     fn packed(self, set: u32) -> Self::Places;
 
-    /// The numbers at some places.
+    /// The numbers at `places`.
     fn pick(self, a: Self::Floats, places: Self::Places) -> Self::Floats;
 
-    /// The places at some places.
+    /// The entries of `of` at `places`.
     fn pick_places(self, of: Self::Places, places: Self::Places) -> Self::Places;
 }
 
-/// The form for every processor.
+/// The portable form.
 #[derive(Clone, Copy, Debug)]
 pub struct Plain;
 
@@ -316,7 +316,7 @@ mod avx2 {
     }
 }
 
-/// For each set of lanes, the lanes that are in it, in order, one in each byte.
+/// For each set of lanes, its lanes in order, one per byte.
 static PACKED: [u64; 1 << WIDTH] = {
     let mut table = [0; 1 << WIDTH];
     let mut set = 0;
@@ -334,7 +334,7 @@ static PACKED: [u64; 1 << WIDTH] = {
     table
 };
 
-/// The lanes of a set, one in each byte, those that are in it first.
+/// Returns the lanes of a set in order, one per byte; the remaining bytes are zero.
 #[inline(always)]
 fn packed(set: u32) -> u64 {
     PACKED[set as usize % (1 << WIDTH)]

@@ -1,7 +1,7 @@
-//! Rays that ask for the first surface on their way.
+//! Traversal for nearest hits.
 //!
-//! Several rays are on their way at once and take their steps in turn: each goes through its boxes from near to far, and its steps do
-//! not wait for those of the others.
+//! Several rays are in flight and step in turn: each visits its boxes from near to far, and its steps do not
+//! wait for those of the others.
 
 use super::{
     Child, ROOT, WIDTH, WideBvh,
@@ -10,18 +10,18 @@ use super::{
 };
 use crate::scene::ray::{Hit, Ray};
 
-/// Rays on their way at once.
+/// Rays in flight at once.
 pub const GROUP: usize = 32;
 
-/// A ray on its way.
+/// A ray in flight.
 #[derive(Clone, Copy, Debug)]
 struct Way {
-    /// Distance of the nearest hit so far; infinity before there is one.
+    /// Distance of the nearest hit so far; infinity before the first.
     t: f32,
     u: f32,
     v: f32,
     triangle: u32,
-    /// What to visit next, and the distance at which the ray enters it.
+    /// The child to visit next, and the distance at which the ray enters it.
     child: u32,
     enters: f32,
     /// Where the ray's part of the stack ends.
@@ -37,17 +37,17 @@ impl Way {
     }
 }
 
-/// Memory that is used again.
+/// Reusable memory.
 #[derive(Default)]
 pub struct Scratch {
     probes: Vec<Probe>,
     ways: Vec<Way>,
-    /// What is left to visit for each ray, the nearest last.
+    /// The pending visits of each ray, the nearest last.
     children: Vec<u32>,
     enters: Vec<u32>,
 }
 
-/// Rays that are to take a step.
+/// Rays to step next.
 #[derive(Clone, Copy)]
 struct Turn {
     rays: [u8; GROUP],
@@ -57,7 +57,7 @@ struct Turn {
 impl Turn {
     const NONE: Self = Self { rays: [0; GROUP], len: 0 };
 
-    /// Adds a ray, or does not.
+    /// Adds a ray if `really`, without a branch.
     #[inline(always)]
     fn push(&mut self, ray: u8, really: bool) {
         self.rays[self.len % GROUP] = ray;
@@ -66,7 +66,7 @@ impl Turn {
 }
 
 impl WideBvh {
-    /// The nearest hits of some rays, which `which` numbers; at most [`GROUP`].
+    /// Finds the nearest hits of the rays numbered in `which`, at most [`GROUP`].
     #[inline(always)]
     pub fn nearest<E: Eight>(
         &self,
@@ -93,7 +93,7 @@ impl WideBvh {
         }
     }
 
-    /// Takes all steps of all rays.
+    /// Steps all rays until they have nothing left to visit.
     #[inline(always)]
     fn follow<E: Eight>(&self, simd: E, scratch: &mut Scratch) {
         let Scratch { probes, ways, children, enters } = scratch;
@@ -128,7 +128,8 @@ impl WideBvh {
                 let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
                 let block = &self.blocks[Child(way.child).index(self.shift)];
                 let ([t, u, v], met) = probe.meet(simd, block);
-                // A triangle is met in its box and not before: what is found does not depend on the order of the visits.
+                // No hit is nearer than the entry into its box, so that hits do not depend on the order of
+                // visits.
                 let t = simd.max(t, simd.splat(way.enters));
                 let mut found = simd.signs(met) & simd.signs(simd.at_most(t, simd.splat(way.t)));
                 if found != 0 {
@@ -149,7 +150,7 @@ impl WideBvh {
     }
 }
 
-/// Chooses what a ray visits next: what is left of its stack and not behind the nearest hit.
+/// Pops a ray's next visit from its stack, skipping those behind its nearest hit.
 #[inline(always)]
 fn next(
     way: &mut Way,

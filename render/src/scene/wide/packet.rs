@@ -1,8 +1,8 @@
-//! Neighbouring rays that go almost the same way, as those of a camera do: eight of them go through the hierarchy as one.
+//! Packets of eight nearly parallel rays, such as those of a camera, that traverse the hierarchy as one.
 //!
-//! A node is tested against all that the rays span at once, its boxes side by side; only at the leaves, each ray is tested for itself,
-//! the rays side by side. A box that any ray of the packet enters is never left out, whatever the rounding: rounding keeps order. So
-//! each ray finds what it finds alone.
+//! A node's boxes are tested, side by side, against the whole span of the rays; only at the leaves is each
+//! ray tested, the rays side by side. No box that a ray of the packet enters is ever skipped, because
+//! rounding is monotonic. So each ray finds the same hit as alone.
 
 use super::{
     Block, Child, Node, ROOT, WIDTH, WideBvh,
@@ -11,10 +11,10 @@ use super::{
 };
 use crate::scene::ray::{Hit, Ray};
 
-/// The most that the directions of a packet may differ along an axis.
+/// Maximum difference of a packet's directions along an axis.
 const SPREAD: f32 = 0.1;
 
-/// Memory that is used again.
+/// Reusable memory.
 #[derive(Default)]
 pub struct Scratch {
     children: Vec<u32>,
@@ -28,10 +28,10 @@ pub struct Packet<E: Eight> {
     inverse: [E::Floats; 3],
     /// For each axis, which of a box's planes is met first.
     near: [u32; 3],
-    /// For each axis, the origin that is the furthest on the way, and the least far one.
+    /// For each axis, the origins that are farthest ahead and farthest behind.
     ahead: [f32; 3],
     behind: [f32; 3],
-    /// The least and the greatest inverse.
+    /// For each axis, the least and the greatest inverse direction.
     least: [f32; 3],
     greatest: [f32; 3],
     t: E::Floats,
@@ -52,7 +52,7 @@ fn range(numbers: &Lanes) -> (f32, f32) {
 }
 
 impl<E: Eight> Packet<E> {
-    /// The packet of eight rays, if they go almost the same way.
+    /// Creates a packet of eight rays, if they share an octant and differ by less than [`SPREAD`].
     #[inline(always)]
     pub fn new(simd: E, rays: &[Ray; WIDTH]) -> Option<Self> {
         let (mut origins, mut directions) = ([[0.0; WIDTH]; 3], [[0.0; WIDTH]; 3]);
@@ -104,7 +104,8 @@ impl<E: Eight> Packet<E> {
         (x | (y & 1) << 1 | (z & 1) << 2) as usize
     }
 
-    /// Distances at which no ray has entered the boxes of a node yet, and the sign of each that some ray may enter at up to `limit`.
+    /// Returns lower bounds of the distances at which rays enter the boxes of a node, and the sign of each
+    /// box that some ray may enter at up to `limit`.
     #[inline(always)]
     fn enter(&self, simd: E, node: &Node, limit: f32) -> (E::Floats, E::Floats) {
         let (mut enters, mut leaves) = (simd.splat(0.0), simd.splat(f32::INFINITY));
@@ -153,7 +154,7 @@ impl<E: Eight> Packet<E> {
             if set == 0 {
                 continue;
             }
-            // Of two triangles at one distance, the one with the lower index counts.
+            // At equal distance, the triangle with the lower index wins.
             let mut nearer = met;
             let index = block.rows[12][k];
             let tied = simd.signs(simd.at_most(self.t, t)) & set;
@@ -186,7 +187,7 @@ fn corner<E: Eight>(simd: E, block: &Block, row: usize, k: usize) -> [E::Floats;
 }
 
 impl WideBvh {
-    /// The nearest hits of eight rays that go almost the same way.
+    /// Finds the nearest hits of a packet.
     #[inline(always)]
     pub fn nearest_of_packet<E: Eight>(
         &self,

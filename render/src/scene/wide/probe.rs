@@ -1,18 +1,19 @@
-//! A ray against the boxes of a node and the triangles of a block.
+//! Tests of a ray against the boxes of a node and the triangles of a block.
 
 use glam::Vec3A;
 
 use super::{Block, Node, lanes::Eight};
 use crate::scene::ray::Ray;
 
-/// Distances to the planes of a box are off by at most three roundings each (6e-8); the far ones are moved out by more than those of
-/// both, so that rounding never hides a box (Ize 2013, "Robust BVH Ray Traversal").
+/// Factor on exit distances. Distances to the planes of a box are off by at most three roundings each (6e-8);
+/// exits are moved out by more than both errors, so that rounding never hides a box (Ize 2013, "Robust BVH
+/// Ray Traversal").
 pub const OUTWARD: f32 = 1.0 + 4.0 * f32::EPSILON;
 
-/// The least extent of a direction along an axis that is taken as it is.
+/// Smallest magnitude of a direction's component that is not replaced.
 pub const LEAST: f32 = f32::EPSILON;
 
-/// A ray with what its tests need.
+/// A ray with the precomputed values of its tests.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(C, align(64))]
 pub struct Probe {
@@ -24,29 +25,31 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// The ray's numbers.
+    /// Precomputes the values of a ray.
     #[inline(always)]
     pub fn new(ray: &Ray) -> Self {
         let Ray { origin, direction } = *ray;
-        // Where a direction has no extent along an axis, a large number stands for infinity: 0 times infinity is not a number.
+        // The inverse of a zero component is a large number, not infinity: 0 times infinity is NaN.
         let inverse = direction.abs().max(Vec3A::splat(LEAST)).recip().copysign(direction);
         let octant = direction.is_negative_bitmask();
         Self { origin: origin.into(), direction: direction.into(), inverse: inverse.into(), octant }
     }
 
-    /// The distances at which the ray enters the boxes of a node and leaves them; it misses a box that it leaves first.
+    /// Returns the distances at which the ray enters and leaves the boxes of a node; it misses a box that it
+    /// leaves first.
     ///
-    /// A box within another is never entered earlier or left later than that, as rounding keeps order.
+    /// A box within another is never entered earlier or left later than the outer one, because rounding is
+    /// monotonic.
     #[inline(always)]
     pub fn cross<E: Eight>(&self, simd: E, node: &Node) -> (E::Floats, E::Floats) {
         let (x, y, z) = (self.planes(simd, node, 0), self.planes(simd, node, 1), self.planes(simd, node, 2));
-        // What is not a number goes through from the right.
+        // NaN propagates from the right operand.
         let enters = simd.max(x.0, simd.max(y.0, simd.max(simd.splat(0.0), z.0)));
         let leaves = simd.min(x.1, simd.min(y.1, z.1));
         (enters, simd.mul(leaves, simd.splat(OUTWARD)))
     }
 
-    /// The distances of the boxes' planes across an axis: those that are met first, and last.
+    /// Returns the distances of the boxes' planes across an axis: the nearer ones, then the farther ones.
     #[inline(always)]
     fn planes<E: Eight>(&self, simd: E, node: &Node, axis: usize) -> (E::Floats, E::Floats) {
         let (origin, inverse) = (simd.splat(self.origin[axis]), simd.splat(self.inverse[axis]));
@@ -55,7 +58,8 @@ impl Probe {
         (simd.min(low, high), simd.max(low, high))
     }
 
-    /// The distances of a block's triangles along the ray, their barycentric weights, and the sign of each that the ray meets.
+    /// Returns the distances of a block's triangles along the ray, their barycentric weights, and the sign of
+    /// each that the ray meets.
     #[inline(always)]
     pub fn meet<E: Eight>(&self, simd: E, block: &Block) -> ([E::Floats; 3], E::Floats) {
         meet(
@@ -70,8 +74,9 @@ impl Probe {
     }
 }
 
-/// The distances of triangles along rays, their barycentric weights, and the sign of each that is met. A triangle is given as
-/// a corner, two edges and their product, and a ray as its origin and direction.
+/// Returns the distances of triangles along rays, their barycentric weights, and the sign of each that is
+/// met. A triangle is given as a corner, two edges and their cross product, and a ray as its origin and
+/// direction.
 #[inline(always)]
 pub fn meet<E: Eight>(
     simd: E,
@@ -94,18 +99,17 @@ pub fn meet<E: Eight>(
     let v = simd.mul(dot(simd, first, r), inverse);
     let t = simd.mul(dot(simd, normal, c), inverse);
     let w = simd.sub(simd.sub(one, u), v);
-    // In the plane of a triangle, w is not a number or below zero; it comes last, so that the least is not a number either.
+    // For a ray in a triangle's plane, w is NaN or negative; it comes last, so that the minimum is NaN, too.
     let least = simd.min(simd.min(simd.min(u, v), t), w);
     ([t, u, v], simd.at_most(simd.splat(0.0), least))
 }
 
-/// Eight vectors of a block, whose x are in a row and y and z in the next.
+/// Loads eight vectors of a block: x from `row`, y and z from the next two.
 #[inline(always)]
 fn vectors<E: Eight>(simd: E, block: &Block, row: usize) -> [E::Floats; 3] {
     [simd.load(&block.rows[row]), simd.load(&block.rows[row + 1]), simd.load(&block.rows[row + 2])]
 }
 
-/// Dot products.
 #[inline(always)]
 fn dot<E: Eight>(simd: E, a: [E::Floats; 3], b: [E::Floats; 3]) -> E::Floats {
     simd.add(simd.add(simd.mul(a[0], b[0]), simd.mul(a[1], b[1])), simd.mul(a[2], b[2]))

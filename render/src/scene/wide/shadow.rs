@@ -1,15 +1,16 @@
-//! Rays that ask whether anything is in their way.
+//! Traversal for occlusion: whether rays hit anything.
 //!
-//! All rays of a batch are on their way at once: a list holds what is left to visit for any of them. Steps of different rays do not
-//! wait for each other, and neither how many children a step adds nor whether they are leaves is a branch.
+//! All rays of a batch are in flight at once: a list holds the pending visits of all of them. Steps of
+//! different rays do not wait for each other, and a step does not branch on how many children it adds or on
+//! whether they are leaves.
 
 use super::{Child, MOST_BITS, Node, ROOT, WIDTH, WideBvh, lanes::Eight, probe::Probe};
 use crate::scene::ray::Ray;
 
-/// Rays that are on their way at once.
+/// Rays in flight at once.
 const RAYS: usize = 1 << MOST_BITS;
 
-/// Steps that are taken from the list at once.
+/// Steps taken from the list at once.
 const STEPS: usize = 64;
 
 /// All lanes of a node.
@@ -37,7 +38,7 @@ struct Visits<'a> {
 }
 
 impl Visits<'_> {
-    /// Adds the children of a set.
+    /// Adds the children whose lanes are in `set`.
     #[inline(always)]
     fn push<E: Eight>(&mut self, simd: E, children: E::Floats, set: u32) {
         let places = &mut self.places[self.len as usize..self.len as usize + WIDTH];
@@ -46,10 +47,10 @@ impl Visits<'_> {
     }
 }
 
-/// Memory that is used again.
+/// Reusable memory.
 pub struct Scratch {
     probes: [Probe; RAYS],
-    /// The lanes of each ray's nodes that still matter: all, or none after a hit.
+    /// For each ray, the lanes that are still visited: all, or none after a hit.
     open: [u32; RAYS],
     nodes: List,
     leaves: List,
@@ -62,7 +63,7 @@ impl Default for Scratch {
 }
 
 impl WideBvh {
-    /// Whether each ray hits anything; both slices have equal length.
+    /// Tests whether each ray hits anything; both slices have equal length.
     #[inline(always)]
     pub fn occluded<E: Eight>(&self, simd: E, rays: &[Ray], occluded: &mut [bool], scratch: &mut Scratch) {
         if self.nodes.is_empty() {
@@ -78,7 +79,7 @@ impl WideBvh {
         }
     }
 
-    /// Follows rays, at most as many as have numbers, until each has hit something or nothing is left to visit.
+    /// Traces at most `1 << shift` rays until each has hit something or nothing is left to visit.
     #[inline(always)]
     fn follow_all<E: Eight>(&self, simd: E, rays: &[Ray], scratch: &mut Scratch) {
         let Scratch { probes, open, nodes, leaves } = scratch;

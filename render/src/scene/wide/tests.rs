@@ -1,4 +1,4 @@
-//! The hierarchy by itself: its leaves, its numbers, and the form for every processor.
+//! Tests of the hierarchy alone: leaves, child encoding, and the portable form.
 
 use glam::{Vec3, Vec3A};
 use obvhs::triangle::Triangle;
@@ -46,7 +46,7 @@ fn occluded(bvh: &WideBvh, rays: &[Ray]) -> Vec<bool> {
 }
 
 #[test]
-fn large_leaves_are_divided_and_few_numbers_for_rays_suffice() {
+fn large_leaves_are_divided_and_ray_bits_do_not_change_hits() {
     let mut random = Stream::new(1, Purpose::Test, 0);
     let rays = rays(&mut random);
     for count in [1, 8, 9, 64, 65, 500] {
@@ -68,7 +68,7 @@ fn large_leaves_are_divided_and_few_numbers_for_rays_suffice() {
 }
 
 #[test]
-fn every_processor_finds_the_same() {
+fn portable_and_simd_traversals_agree() {
     let mut random = Stream::new(2, Purpose::Test, 0);
     let rays = rays(&mut random);
     let (tree, triangles) = one_leaf(100, &mut random);
@@ -82,7 +82,7 @@ fn every_processor_finds_the_same() {
 }
 
 #[test]
-fn children_are_told_apart() {
+fn children_encode_index_and_kind() {
     let (node, leaf) = (Child::node(70_000, 8), Child::leaf(70_000, 8));
     assert_eq!((node.index(8), node.is_leaf()), (70_000, false));
     assert_eq!((leaf.index(8), leaf.is_leaf()), (70_000, true));
@@ -91,6 +91,6 @@ fn children_are_told_apart() {
 
 #[test]
 #[should_panic(expected = "does not fit")]
-fn blocks_without_a_number_are_refused() {
+fn block_indices_out_of_range_panic() {
     Child::leaf(1 << 23, 8);
 }

@@ -9,12 +9,12 @@ fn cosine(frame: &Frame, u: Vec2) -> Vec3A {
     frame.to_world(Vec3::new(r * cos, r * sin, (1.0 - u.x).max(0.0).sqrt())).normalize().into()
 }
 
-/// A sampler of many directions from one of a single direction.
+/// Turns a sampler of one direction into a sampler of many.
 fn many(mut one: impl FnMut(&mut Stream) -> Option<Vec3A>) -> impl FnMut(&mut Stream, usize) -> Vec<Option<Vec3A>> {
     move |random, count| (0..count).map(|_| one(random)).collect()
 }
 
-/// The same of a density.
+/// Turns a density of one direction into a density of many.
 fn each(one: impl Fn(Vec3A) -> f32) -> impl Fn(&[Vec3A]) -> Vec<f32> {
     move |directions| directions.iter().map(|&w| one(w)).collect()
 }
@@ -32,7 +32,7 @@ fn small() -> SphereChiSquare {
 }
 
 #[test]
-fn right_densities_pass_at_every_orientation() {
+fn correct_densities_pass_in_every_orientation() {
     let test = SphereChiSquare { tests: 6, ..SphereChiSquare::default() };
     let report = test.run(uniform, each(|_| UNIFORM));
     report.assert_passed("uniform");
@@ -46,7 +46,7 @@ fn right_densities_pass_at_every_orientation() {
 }
 
 #[test]
-fn p_values_of_a_right_density_are_uniform() {
+fn p_values_of_a_correct_density_are_uniform() {
     let test = |seed| SphereChiSquare { rows: 11, samples: 20_000, seed, ..SphereChiSquare::default() };
     let mut p: Vec<f64> = (0..200).map(|seed| test(seed).run(uniform, each(|_| UNIFORM)).p_value).collect();
     p.sort_by(f64::total_cmp);
@@ -72,14 +72,14 @@ fn wrong_densities_fail() {
 }
 
 #[test]
-fn a_density_of_wrong_mass_fails_even_where_its_shape_is_right() {
+fn a_density_of_correct_shape_and_wrong_mass_fails() {
     let report = small().run(uniform, each(|_| 1.02 * UNIFORM));
     assert!(!report.passed() && report.p_value > 0.01, "{report}");
     assert!(report.failures[0].contains("integrates to 1.02"), "{report}");
 }
 
 #[test]
-fn draws_without_a_direction_lower_the_mass_that_is_asked_for() {
+fn rejected_draws_lower_the_required_mass() {
     let half = |random: &mut Stream| Some(random.direction()).filter(|w| w.y > 0.0);
     let pdf = |w: Vec3A| if w.y > 0.0 { UNIFORM } else { 0.0 };
     small().run(many(half), each(pdf)).assert_passed("half");

@@ -1,4 +1,4 @@
-//! Bounds and integrals against every texel.
+//! Bounds and integrals compared with sums over every texel.
 
 use super::*;
 use crate::{
@@ -16,7 +16,7 @@ fn made(width: usize, height: usize, value: impl Fn(usize, usize) -> f32) -> Env
     Environment::from_image("made", Image { width, height, pixels }).unwrap()
 }
 
-/// Lamps on a wall that is 1e5 times as dim, some of them at the poles and the seam.
+/// Lamps on a wall that is 1e5 times dimmer, some of them at the poles and the seam.
 fn lamps() -> Environment {
     made(64, 32, |i, j| if (i % 13 < 2) && (j % 8 < 2) { 1.0 } else { 1e-5 * (1 + i % 3) as f32 })
 }
@@ -31,7 +31,7 @@ fn maps() -> Vec<Environment> {
     ]
 }
 
-/// `side x side` points in each of the cells of a density, with position and density of their places in Y.
+/// `side x side` points of X in each cell of a density, with their points of Y and densities.
 fn points(tail: &Tail, side: usize) -> Vec<(Vec2, Vec2, f32)> {
     let (light, size) = (tail.light(), side as f32);
     let inside = |k: usize| (Vec2::new((k % side) as f32, (k / side) as f32) + 0.5) / size;
@@ -54,7 +54,6 @@ fn tails() -> Vec<Tail> {
     maps().into_iter().flat_map(of).collect()
 }
 
-/// A lit direction lies in the cell that its place in Y says: there it is below the bound.
 #[test]
 fn no_lit_direction_escapes_the_bounds_of_its_cell() {
     let cells = CellGrid::new(9, 16).unwrap();
@@ -74,7 +73,6 @@ fn no_lit_direction_escapes_the_bounds_of_its_cell() {
     }
 }
 
-/// Integrals over Y are those over X by many points of each texel.
 #[test]
 fn integrals_over_cells_add_up_to_those_over_the_map() {
     let cells = CellGrid::new(8, 8).unwrap();
@@ -92,8 +90,9 @@ fn integrals_over_cells_add_up_to_those_over_the_map() {
             }
             directions.root_mean_squares(normal, &mut of_cells);
             let squares = of_cells.iter().map(|rms| f64::from(rms * rms)).sum::<f64>() / cells.cells() as f64;
-            // Directions of a block of 1.4 degrees count as one: the mean over half of that is 0.006 in a cosine where all light is in one
-            // block that the horizon cuts. Points of X are half as far apart.
+            // Directions of a block of 1.4 degrees are merged: with all light in one block at the
+            // horizon, the mean over half of that is 0.006 in the cosine. Points of X are spaced at
+            // half of that.
             assert!((squares - second / whole).abs() < 0.01, "{case}: {squares} {}", second / whole);
             let irradiance = f64::from(directions.irradiance(normal));
             assert!((irradiance - first / whole).abs() < 0.01, "{case}: {irradiance} {}", first / whole);
@@ -116,7 +115,6 @@ fn largest_weight(tail: &Tail, table: &BakedTable, normals: &[Vec3A]) -> f32 {
     normals.iter().map(of_normal).fold(0.0, f32::max)
 }
 
-/// Thin strips of Y that hold the dark parts of a map get what their directions may be worth.
 #[test]
 fn raised_tables_have_no_large_weight() {
     let (normals, cells) = (NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap());
@@ -132,7 +130,7 @@ fn raised_tables_have_no_large_weight() {
             if map.name() == "sunset" {
                 continue;
             }
-            // Without it the very same bounds are broken by far, but where the whole sky is bright.
+            // Without raising, weights exceed the bound by far, except where the whole sky is bright.
             let points = CellPoints::new(&tail, cells, 16);
             let plain = BakedTable::fill(normals, cells, |normal, masses| {
                 for (mass, directions) in masses.iter_mut().zip(points.directions()) {

@@ -3,8 +3,8 @@ use crate::simd::LANES;
 
 const GRIDS: [(usize, usize); 8] = [(1, 1), (3, 5), (8, 8), (16, 12), (32, 32), (7, 33), (5, 1), (64, 64)];
 
-/// Three tables: irregular masses, the same with one cell that outweighs all others together, one bright row. They are those of the first four nodes of a
-/// grid, the first one again at the fourth.
+/// Three tables: irregular masses, the same with one cell that outweighs all others together, and one
+/// bright row. They belong to the first four nodes of a grid; the fourth node repeats the first table.
 fn tables(cells: CellGrid) -> (CellMasses, [Vec<f64>; 4]) {
     let (count, columns) = (cells.cells(), cells.shape().1);
     let irregular: Vec<f64> = (0..count).map(|cell| ((cell * 7919) % 101) as f64 + 0.01).collect();
@@ -61,7 +61,7 @@ fn alone(masses: &CellMasses, node: usize) -> Blend {
 }
 
 #[test]
-fn masses_are_rounded_to_a_step_and_never_to_nothing() {
+fn masses_are_rounded_by_at_most_a_step_and_stay_positive() {
     for (rows, columns) in GRIDS {
         let (masses, tables) = tables(CellGrid::new(rows, columns).unwrap());
         for (node, table) in tables.iter().enumerate() {
@@ -76,8 +76,8 @@ fn masses_are_rounded_to_a_step_and_never_to_nothing() {
                     let mass = single.mass(row, column);
                     assert!(mass >= 1.0);
                     sum += f64::from(mass);
-                    // Half a step of the row's factor and a step at either end of the cell; a row or cell that is less than
-                    // a step takes one from the others of its row or table.
+                    // Half a step of the row's factor and a step at either end of the cell; a row or
+                    // cell below one step takes one from the others of its row or table.
                     let row_step = largest / 65535.0;
                     let cell_steps = 2.0 + columns as f64;
                     let bound = row_step * (value / whole + cell_steps / 65535.0) + whole * cell_steps / 65535.0;
@@ -93,9 +93,9 @@ fn masses_are_rounded_to_a_step_and_never_to_nothing() {
     }
 }
 
-/// The middles of cells, up to where their running sums say they are, in single tables and in weighted sums of them.
+/// Searches for the middles of cells, in single tables and in weighted sums of them.
 #[test]
-fn cells_are_found_where_their_running_sums_say() {
+fn searches_invert_running_sums() {
     let weights = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.1, 0.2, 0.3, 0.4], [1e-8, 2.0, 1e-3, 0.0]];
     for (rows, columns) in GRIDS {
         let (masses, _) = tables(CellGrid::new(rows, columns).unwrap());
@@ -122,14 +122,14 @@ fn cells_are_found_where_their_running_sums_say() {
                     before += mass(row, column);
                 }
             }
-            // What rounding puts at the end is in the last cell.
+            // Targets that rounding puts at the end or beyond are in the last cell.
             assert_eq!(single.search_row(1.01 * whole as f32).0, rows - 1);
             assert_eq!(single.search_column(rows - 1, 1.0).0, columns - 1);
         }
     }
 }
 
-/// Every lane has its own cell of the grid of normals, and its own place there.
+/// Every lane has its own cell of the grid of normals, and its own weights.
 #[test]
 fn lanes_do_not_mix() {
     for (rows, columns) in GRIDS {

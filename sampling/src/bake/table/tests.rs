@@ -23,7 +23,7 @@ fn normals(count: usize) -> Vec<Vec3A> {
     normals
 }
 
-/// Each coordinate of y grows with its own uniform number, from 0 to 1, and the rows do not depend on the other one.
+/// Each coordinate of y grows with its own uniform number, from 0 to 1, and y.y does not depend on z.x.
 #[test]
 fn draws_grow_with_their_uniform_numbers() {
     const STEPS: usize = 4096;
@@ -43,7 +43,7 @@ fn draws_grow_with_their_uniform_numbers() {
     }
 }
 
-/// What is drawn is the inverse of the interpolated density's integral: that of the rows up to y, and of the row up to y, give z back.
+/// Integrals of the interpolated density over the rows up to y, and along the row up to y, return z.
 #[test]
 fn draws_invert_the_integral_of_the_density() {
     for (rows, columns) in GRIDS {
@@ -66,7 +66,7 @@ fn draws_invert_the_integral_of_the_density() {
                 assert!((f64::from(density) / own - 1.0).abs() < 1e-5, "{density} {own}");
                 let above = (0..row).map(of_row).sum::<f64>() + f64::from(inside.y) * of_row(row);
                 let left = q[row * columns..][..column].iter().sum::<f64>() + f64::from(inside.x) * own;
-                // Sums of up to 64 rows and the position inside of a row or cell, in single precision.
+                // Sums of up to 64 rows and the position inside a row or cell, in single precision.
                 assert!((above / rows as f64 - f64::from(z.y)).abs() < 4e-6, "{above} {z}");
                 assert!((left / columns as f64 / of_row(row) - f64::from(z.x)).abs() < 4e-6, "{left} {z}");
             }
@@ -74,7 +74,7 @@ fn draws_invert_the_integral_of_the_density() {
     }
 }
 
-/// Where the normal passes from one cell of the grid of normals to the next, what a pair of uniform numbers draws does not jump.
+/// Draws do not jump where the normal crosses from one cell of the grid of normals to the next.
 #[test]
 fn draws_are_continuous_in_the_normal() {
     let (table, mut random) = (waves(32, 32), Stream::new(6, Purpose::Test, 0));
@@ -84,8 +84,8 @@ fn draws_are_continuous_in_the_normal() {
         let step = 1e-4 * aside;
         let [one, other] = [at - step, at + step].map(|normal| table.sample_at(normal.normalize(), &z));
         for ((one, density), (other, _)) in one.into_iter().zip(other) {
-            // Weights change by 1e-3 at most, and running sums by 2e-3 of the whole; a row of little mass stretches that to its own height,
-            // and columns of another row are other ones.
+            // Weights change by at most 1e-3, and running sums by 2e-3 of the total; a row of little
+            // mass stretches that to its own height, and columns of different rows are not comparable.
             let apart = (one - other).abs();
             let same_row = table.cells.cell(one).0 == table.cells.cell(other).0;
             assert!(apart.y < 0.1 && (!same_row || apart.x * density.min(1.0) < 0.1), "{node}: {one} {other}");

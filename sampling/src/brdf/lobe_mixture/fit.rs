@@ -1,10 +1,10 @@
-//! Fitting a mixture of lobes: to the least relative variance under a white sky, by quadrature over points that do not
-//! depend on the BRDF.
+//! Fits a mixture of lobes for the least relative variance under a white sky, by quadrature over points
+//! that do not depend on the BRDF.
 //!
-//! With techniques of pdfs `p_k` the second moment of an estimate is the integral of `f^2 / sum_k w_k p_k`, convex in
-//! the weights. It falls with every step of `w_k <- w_k sqrt(integral of p_k f^2 / p^2)`, normalised (a majorisation:
-//! `f^2 / p` is at most the sum of `a_k^2 f^2 / (w_k p_k)` for any shares `a_k` that add up to 1, with equality at `a_k
-//! = w_k p_k / p`).
+//! With techniques of pdfs `p_k`, the second moment of an estimate is the integral of
+//! `f^2 / sum_k w_k p_k`, which is convex in the weights. It decreases with every step of
+//! `w_k <- w_k sqrt(integral of p_k f^2 / p^2)`, normalised (a majorisation: `f^2 / p` is at most the
+//! sum of `a_k^2 f^2 / (w_k p_k)` for any `a_k` that sum to 1, with equality at `a_k = w_k p_k / p`).
 
 use std::sync::LazyLock;
 
@@ -18,27 +18,28 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Widths that lobes are chosen from: a third of an octave apart.
+/// Number of candidate widths of lobes, spaced by 1/3 octave.
 const WIDTHS: usize = 28;
-/// The width before the narrowest of them.
+/// The narrowest candidate width.
 const NARROWEST: f32 = 2e-3;
-/// Techniques of the quadrature: the cosine lobe, and one lobe for each width.
+/// Techniques of the quadrature: the cosine lobe, and one lobe per width.
 const TECHNIQUES: usize = WIDTHS + 1;
-/// Points of each technique.
+/// Points per technique.
 const POINTS: usize = 96;
-/// The least probability of the cosine lobe: it bounds weights where the lobes' tails are thinner than the BRDF's.
+/// The least weight of the cosine lobe. It bounds sample weights where the lobes' tails are thinner
+/// than the BRDF's.
 const LEAST_DIFFUSE: f32 = 0.05;
-/// The least share of the lobe in [`Weights::single`].
+/// The least weight of the lobe in [`Weights::single`].
 const LEAST_SINGLE: f32 = 0.02;
-/// The cosine that stands for the node in the horizon.
+/// The cosine used for the node at the horizon.
 const GRAZING: f32 = 2e-3;
-/// Steps towards the best weights while widths are chosen, and in the end.
+/// Iterations of the weights while widths are chosen, and for the result.
 const COARSE_STEPS: usize = 12;
 const FINE_STEPS: usize = 60;
 
-/// A width that lobes are chosen from.
+/// A candidate width.
 fn width(k: usize) -> f32 {
-    // 1 is the last.
+    // The last one is 1.
     NARROWEST.powf(1.0 - k as f32 / (WIDTHS - 1) as f32)
 }
 
@@ -49,13 +50,14 @@ struct Quadrature {
     wi: [Vec<Lanes>; 3],
     /// The pdfs of all techniques at each point.
     pdfs: Vec<[f32; TECHNIQUES]>,
-    /// Solid angles that the points stand for.
+    /// Solid angles that the points represent.
     solid_angles: Vec<f32>,
 }
 
-/// The points of all nodes; they are those of the balance heuristic over all techniques.
+/// The points of all nodes, weighted by the balance heuristic over all techniques.
 ///
-/// Made by one thread: one that waits for others within a `LazyLock` may be given work that waits for the same one.
+/// Computed by one thread: a thread that waits for others within a `LazyLock` may steal work that waits
+/// for the same lock.
 static QUADRATURES: LazyLock<Vec<Quadrature>> =
     LazyLock::new(|| (0..NODES).map(|node| Quadrature::new(cosine_of(node).max(GRAZING))).collect());
 
@@ -66,7 +68,7 @@ impl Quadrature {
         let mut drawn = Vec::with_capacity(TECHNIQUES * POINTS);
         for technique in 0..TECHNIQUES {
             for k in 0..POINTS {
-                // Hammersley's points, turned from technique to technique.
+                // Hammersley points, rotated per technique.
                 let x = (k as f32 + 0.5) / POINTS as f32;
                 let turned = (k as u32).reverse_bits() as f32 / 4_294_967_296.0 + 0.618_034 * technique as f32;
                 let u = Vec2::new(turned.fract(), x);
@@ -95,8 +97,9 @@ impl Quadrature {
         Self { wo, wi, pdfs, solid_angles }
     }
 
-    /// Luminance times the root of the solid angle at each point, such that the squares add up to the second moment of
-    /// a uniform pdf; scaled so that the integral of the luminance is 1. `None` if it is black.
+    /// Luminance times the square root of the solid angle at each point, whose squares sum to the
+    /// second moment of a uniform pdf; scaled so that the integral of the luminance is 1. `None` if it
+    /// is black.
     fn values(&self, reflected: &impl Reflected) -> Option<Vec<f32>> {
         let count = self.wi[0].len();
         let constant = |value: f32| vec![[value; LANES]; count];
@@ -116,7 +119,7 @@ impl Quadrature {
         Some(self.solid_angles.iter().enumerate().map(value).collect())
     }
 
-    /// The best weights of some techniques after a number of steps, and the second moment that they leave.
+    /// Optimises the weights of some techniques in `steps` steps; returns them and their second moment.
     fn weights<const K: usize>(
         &self,
         values: &[f32],
@@ -148,7 +151,8 @@ impl Quadrature {
     }
 }
 
-/// A BRDF times cosine over columns, per channel: [`crate::brdf::Brdf::evaluate_cosine`] of a BRDF without parameters.
+/// BRDF times cosine over columns, per channel: [`crate::brdf::Brdf::evaluate_cosine`] of a BRDF
+/// without parameters.
 pub trait Reflected: Fn(&Surfaces<'_>, [&[Lanes]; 3], [&mut [Lanes]; 3]) + Sync {}
 impl<F: Fn(&Surfaces<'_>, [&[Lanes]; 3], [&mut [Lanes]; 3]) + Sync> Reflected for F {}
 
@@ -164,13 +168,13 @@ fn cost(nodes: &[(usize, Vec<f32>)], widths: [usize; LOBES]) -> f64 {
 }
 
 impl LobeMixture {
-    /// Fits a mixture to what an isotropic BRDF reflects.
+    /// Fits a mixture to an isotropic BRDF.
     pub fn fit(reflected: impl Reflected) -> Self {
         let values: Vec<Option<Vec<f32>>> =
             QUADRATURES.iter().map(|quadrature| quadrature.values(&reflected)).collect();
         let views: Vec<(usize, Vec<f32>)> =
             (1..NODES).step_by(3).filter_map(|node| Some((node, values[node].clone()?))).collect();
-        // One lobe after the other, each where it helps most beside the others, until none moves.
+        // Coordinate descent over the lobes' widths, until none changes.
         let mut widths = [WIDTHS - 1; LOBES];
         let mut best = f64::INFINITY;
         loop {
@@ -209,7 +213,7 @@ impl LobeMixture {
     }
 }
 
-/// The weights at a node, and the second moment that they leave.
+/// The weights at a node, and their second moment.
 fn node_weights(quadrature: &Quadrature, values: &[f32], widths: [usize; LOBES]) -> (Weights, f64) {
     let all = [0, widths[0] + 1, widths[1] + 1, widths[2] + 1];
     let (techniques, moment) = quadrature.weights(values, all, LEAST, FINE_STEPS);

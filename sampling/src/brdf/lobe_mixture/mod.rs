@@ -1,8 +1,8 @@
-//! BRDF sampling for BRDFs that have none of their own: a mixture of a cosine lobe and Trowbridge-Reitz lobes, fitted
-//! to the BRDF, with the exact pdf of the mixture.
+//! BRDF sampling for BRDFs without a sampling method of their own: a mixture of a cosine lobe and
+//! Trowbridge-Reitz lobes, fitted to the BRDF, with the exact pdf of the mixture.
 //!
-//! The widths of the lobes are those of the BRDF; their weights depend on the cosine of `wo`. The specular lobes are
-//! sampled by visible normals.
+//! The widths of the lobes are fixed per BRDF; their weights depend on the cosine of `wo`. The specular
+//! lobes are sampled by visible normals.
 
 mod fit;
 
@@ -15,27 +15,27 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Trowbridge-Reitz lobes of a mixture.
+/// Number of Trowbridge-Reitz lobes of a mixture.
 const LOBES: usize = 3;
-/// Nodes along the root of the cosine of `wo`, between which weights are linear.
+/// Nodes along the square root of the cosine of `wo`, between which weights are linear.
 const NODES: usize = 16;
 
 /// Weights at one cosine of `wo`.
 #[derive(Clone, Copy, Debug, Default)]
 struct Weights {
-    /// The probability of the cosine lobe, then those of the others; their sum is 1.
+    /// The weight of the cosine lobe, then those of the others; their sum is 1.
     techniques: [f32; LOBES + 1],
-    /// What the BRDF is near to with a single Trowbridge-Reitz lobe: its share, and its width.
+    /// Weight and width of the lobe in the closest approximation by a single Trowbridge-Reitz lobe.
     single: [f32; 2],
 }
 
-/// A mixture of lobes that was fitted to a BRDF.
+/// A mixture of lobes fitted to a BRDF.
 #[derive(Clone, Debug)]
 pub struct LobeMixture {
     /// The widths of the lobes, the narrowest first.
     alphas: [f32; LOBES],
     nodes: Box<[Weights; NODES]>,
-    /// The relative second moment that is left, averaged over the nodes.
+    /// The relative second moment, averaged over the nodes.
     second_moment: f64,
 }
 
@@ -50,19 +50,19 @@ impl LobeMixture {
         self.alphas
     }
 
-    /// The mean over views of the relative variance of an estimate under a white sky.
+    /// The relative variance of an estimate under a white sky, averaged over views.
     pub fn relative_variance(&self) -> f64 {
         self.second_moment - 1.0
     }
 
-    /// The width of the narrowest lobe that at least a tenth of the samples are drawn from at some view; 1 if there is
-    /// none.
+    /// The width of the narrowest lobe that gets more than 10 % of the samples at some view; 1 if there
+    /// is none.
     pub fn alpha(&self) -> f32 {
         let counts = |lobe: usize| self.nodes.iter().any(|node| node.techniques[lobe + 1] > 0.1);
         (0..LOBES).find(|&lobe| counts(lobe)).map_or(1.0, |lobe| self.alphas[lobe])
     }
 
-    /// A direction for uniform numbers and its pdf, at one point.
+    /// Draws a direction at one point; returns it and its pdf.
     pub fn draw_at(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
         self.draw(&self.techniques(n.dot(wo)), n, wo, u)
     }
@@ -72,8 +72,8 @@ impl LobeMixture {
         self.density(&self.techniques(n.dot(wo)), n, wo, wi)
     }
 
-    /// What the mixture is like, in numbers of the order of 1: seen from above and at a slant, the share of the nearest
-    /// single lobe, a quarter of the logarithm of its width, and the weight of the cosine lobe.
+    /// Describes the mixture by numbers of the order of 1: at cosines 0.8 and 0.3, the weight of the
+    /// closest single lobe, 1/4 of the logarithm of its width, and the weight of the cosine lobe.
     pub fn latent(&self) -> [f32; LATENTS] {
         let of = |cos: f32| {
             let (node, _) = Self::place(cos);
@@ -109,7 +109,7 @@ impl LobeMixture {
         (node, place - node as f32)
     }
 
-    /// The probabilities of the techniques at a cosine of `wo`.
+    /// The weights of the techniques at a cosine of `wo`.
     #[inline(always)]
     fn techniques(&self, cos_o: f32) -> [f32; LOBES + 1] {
         let (node, t) = Self::place(cos_o);
@@ -131,12 +131,12 @@ impl LobeMixture {
         if (n.dot(wo) > 0.0) & (n.dot(wi) > 0.0) { mixed } else { 0.0 }
     }
 
-    /// A direction at one point for uniform numbers, and its pdf. It integrates to 1 less what the specular lobes lose
-    /// below the horizon.
+    /// Draws a direction at one point; returns it and its pdf, which integrates to 1 minus what the
+    /// specular lobes lose below the horizon.
     #[inline(always)]
     fn draw(&self, techniques: &[f32; LOBES + 1], n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
-        // The technique whose part of the unit interval u.x is in, from the last on; what is left of the number
-        // stretches over its part.
+        // Chooses the technique whose part of the unit interval contains u.x, and stretches that part
+        // to reuse u.x.
         let (mut from, mut to, mut alpha) = (0.0, techniques[0], 1.0);
         let mut sum = techniques[0];
         let is_diffuse = u.x < sum;
@@ -159,13 +159,13 @@ impl LobeMixture {
 
 const DIFFUSE: Lambert = Lambert { albedo: Vec3::ONE };
 
-/// Vectors of one lane of a strip.
+/// The vector of one lane of a strip.
 #[inline(always)]
 fn vector(columns: [&[Lanes]; 3], strip: usize, lane: usize) -> Vec3 {
     Vec3::new(columns[0][strip][lane], columns[1][strip][lane], columns[2][strip][lane])
 }
 
-/// The probabilities of the techniques for a strip of points.
+/// The weights of the techniques for a strip of points.
 #[inline(always)]
 fn techniques_of(mixture: &LobeMixture, at: &Surfaces<'_>, strip: usize) -> [Lanes; LOBES + 1] {
     let mut techniques = [[0.0; LANES]; LOBES + 1];

@@ -1,4 +1,4 @@
-//! What a measured BRDF does not promise by its form: finite values, reciprocity, energy.
+//! Checks of properties that a network does not guarantee: finite values, reciprocity, energy conservation.
 
 use std::fmt;
 
@@ -13,17 +13,17 @@ use crate::{
 
 /// Cosines of `wo` at which albedos are measured.
 pub const VIEWS: [f32; 6] = [1.0, 0.9, 0.7, 0.5, 0.3, 0.1];
-/// Largest value of `f_r cos` that a file may give, in 1/sr: that of a Trowbridge-Reitz mirror of width 1e-4 seen at
-/// normal incidence is `1 / (4 pi alpha^2)`.
+/// Largest `f_r cos` that is accepted, in 1/sr: `1 / (4 pi alpha^2)` of a Trowbridge-Reitz mirror with
+/// `alpha` = 1e-4 at normal incidence.
 const LARGEST_VALUE: f32 = 8e6;
-/// Largest logarithm that the weights may allow: a larger one has left no digit of what is added to it.
+/// Largest accepted bound on the logarithm: larger intermediate values leave no significant digits in a sum.
 const LARGEST_BOUND: f32 = 1e6;
-/// Directions at each view, and pairs of directions.
+/// Directions per view, and pairs of directions.
 const SAMPLES: usize = 4096;
-/// Angles of half vectors, angles of difference vectors and their azimuths at which values are looked for.
+/// Numbers of half-vector angles, difference-vector angles and azimuths of the search for the largest value.
 const GRID: [usize; 3] = [24, 24, 8];
 
-/// Refuses networks that overflow, or shine.
+/// Rejects networks that overflow or exceed [`LARGEST_VALUE`].
 pub(super) fn refuse_absurd(name: &str, network: &Network) -> Result<()> {
     let bound = network.bound();
     if bound.is_nan() || bound > LARGEST_BOUND {
@@ -39,7 +39,8 @@ pub(super) fn refuse_absurd(name: &str, network: &Network) -> Result<()> {
     Ok(())
 }
 
-/// Pairs of directions whose half and difference vectors are on a grid, crowded around mirror directions.
+/// Pairs of directions whose half and difference vectors are on a grid, which is denser around mirror
+/// directions.
 fn half_vector_grid() -> Vec<[Vec3; 2]> {
     let [halves, differences, azimuths] = GRID;
     let mut pairs = Vec::new();
@@ -55,20 +56,21 @@ fn half_vector_grid() -> Vec<[Vec3; 2]> {
     pairs
 }
 
-/// What was measured of a BRDF.
+/// Measured properties of a BRDF.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MaterialCheck {
-    /// The directional albedo per channel at each of [`VIEWS`]: above 1, more is reflected than arrives.
+    /// The directional albedo per channel at each of [`VIEWS`]; above 1, energy is not conserved.
     pub albedos: [Vec3; VIEWS.len()],
-    /// The mean of `|f_r(wo, wi) - f_r(wi, wo)|` over that of `f_r`, luminance times both cosines, over all pairs of
-    /// directions.
+    /// The mean of `|f_r(wo, wi) - f_r(wi, wo)|` over that of `f_r`, luminance times both cosines, over
+    /// all pairs of directions.
     pub reciprocity_error: f64,
-    /// The width of the narrowest lobe that matters.
+    /// The width of the narrowest lobe, see [`LobeMixture::alpha`].
     pub alpha: f32,
-    /// The largest `f_r cos` towards the mirrored direction at [`VIEWS`], luminance in 1/sr; 1 / pi = 0.32 for a white
-    /// diffuse surface seen from above.
+    /// The largest `f_r cos` towards the mirrored direction at [`VIEWS`], luminance in 1/sr; 1 / pi =
+    /// 0.32 for a white diffuse surface seen from above.
     pub mirror_peak: f32,
-    /// The relative variance of an estimate by its own sampling under a white sky, averaged over views.
+    /// The relative variance of an estimate by the BRDF's own sampling under a white sky, averaged over
+    /// views.
     pub own_variance: f64,
 }
 
@@ -115,7 +117,7 @@ impl fmt::Display for MaterialCheck {
     }
 }
 
-/// The directional albedo per channel, by the BRDF's own sampling.
+/// Estimates the directional albedo per channel by the BRDF's own sampling.
 fn albedo(network: &Network, mixture: &LobeMixture, cos: f32) -> Vec3 {
     let wo = view(cos);
     let draw = |k: usize| {
@@ -128,7 +130,8 @@ fn albedo(network: &Network, mixture: &LobeMixture, cos: f32) -> Vec3 {
     values.map(|(value, (_, pdf))| value / pdf).sum::<Vec3>() / SAMPLES as f32
 }
 
-/// The mean difference between both ways of light, over pairs that the mixture draws from cosine-distributed views.
+/// The relative mean difference between both directions of light, over pairs that the mixture draws for
+/// cosine-distributed views.
 fn reciprocity_error(network: &Network, mixture: &LobeMixture) -> f64 {
     let mut random = Stream::new(0, Purpose::Test, 0);
     let mut there = Vec::with_capacity(SAMPLES);
@@ -146,7 +149,7 @@ fn reciprocity_error(network: &Network, mixture: &LobeMixture) -> f64 {
     let (mut difference, mut sum) = (0.0, 0.0);
     let both = network.of_pairs(&there).into_iter().zip(network.of_pairs(&back));
     for (((there, back), [wo, wi]), weight) in both.zip(&there).zip(weights) {
-        // Without the cosine of either value, then with that of wi; that of wo is in the density of views.
+        // Both values times the cosine of wi; the cosine of wo is in the density of views.
         let (there, back) = (luminance(there), luminance(back) / wo.z * wi.z);
         difference += f64::from((there - back).abs() * weight);
         sum += f64::from(there * weight);

@@ -1,4 +1,4 @@
-//! Files of measured materials: this project's, and the raw rows that the networks were published as.
+//! Files of measured materials: this project's format, and the raw rows in which the networks are published.
 
 use std::{
     collections::HashMap,
@@ -21,16 +21,16 @@ use crate::{
 
 /// The version of the format, in the metadata `headtail-materials`.
 const FORMAT_VERSION: u32 = 1;
-/// Larger files are refused before they are read.
+/// Larger files are rejected before they are read.
 const LARGEST_FILE: u64 = 64 << 20;
-/// Most materials of a file.
+/// Maximum number of materials in a file.
 const MOST_MATERIALS: usize = 4096;
 /// Width of the hidden layers of raw rows.
 const RAW_HIDDEN: usize = 21;
 /// Numbers of a raw row: weights `[in][out]` and biases of each layer in turn.
 const RAW_ROW: usize = (INPUTS + 1) * RAW_HIDDEN + (RAW_HIDDEN + 1) * RAW_HIDDEN + (RAW_HIDDEN + 1) * OUTPUTS;
 
-/// What the metadata say: JSON.
+/// The metadata, as JSON.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description {
@@ -43,11 +43,11 @@ struct Description {
 
 const KIND: &str = "neural-brdf";
 
-/// Reads the named networks of a file: `.safetensors` as [`write_networks`] writes it, or `.f32`, raw rows with their
-/// names in `.names.txt` beside it.
+/// Reads the named networks of a file: `.safetensors` as [`write_networks`] writes it, or `.f32`, raw
+/// rows with their names in `.names.txt` beside it.
 ///
 /// # Errors
-/// One sentence that names the file and the field.
+/// An error that names the file and the field.
 pub fn read_networks(path: &Path) -> Result<Vec<(String, Network)>> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("safetensors") => read_safetensors(path),
@@ -60,7 +60,7 @@ fn read_bounded(path: &Path) -> Result<Vec<u8>> {
     file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))
 }
 
-/// Names must be there, apart, and as many as there may be.
+/// Checks that there are 1 to [`MOST_MATERIALS`] names, all valid and distinct.
 fn check_names(path: &Path, names: &[String]) -> Result<()> {
     if names.is_empty() || names.len() > MOST_MATERIALS {
         let reason = format!("there are {}; 1 to {MOST_MATERIALS} are read", names.len());
@@ -71,7 +71,7 @@ fn check_names(path: &Path, names: &[String]) -> Result<()> {
     if let Some(pair) = sorted.windows(2).find(|pair| pair[0] == pair[1]) {
         return Err(Error::invalid(path, "names", format!("'{}' is there twice", pair[0])));
     }
-    // A comma and a number sign have a meaning in materials' specifications.
+    // Commas and number signs are syntax of material specifications.
     let is_bad = |name: &&String| name.is_empty() || name.contains([',', '#']) || name.chars().any(char::is_control);
     match names.iter().find(is_bad) {
         Some(name) => Err(Error::invalid(path, "names", format!("{name:?} is no name of a material"))),
@@ -109,7 +109,7 @@ fn read_raw(path: &Path) -> Result<Vec<(String, Network)>> {
         .collect()
 }
 
-/// The network of a raw row.
+/// Makes the network of a raw row.
 fn of_row(path: &Path, name: &str, mut row: &[f32]) -> Result<Network> {
     let sizes = [(INPUTS, RAW_HIDDEN), (RAW_HIDDEN, RAW_HIDDEN), (RAW_HIDDEN, OUTPUTS)];
     let mut layers = Vec::with_capacity(LAYERS);
@@ -162,7 +162,7 @@ fn read_safetensors(path: &Path) -> Result<Vec<(String, Network)>> {
     description.names.iter().map(layers_of).collect()
 }
 
-/// One layer of a material: `NAME.linearK.weight` `[out, in]` and `NAME.linearK.bias` `[out]`.
+/// Reads a layer of a material: `NAME.linearK.weight` `[out, in]` and `NAME.linearK.bias` `[out]`.
 fn layer(path: &Path, tensors: &SafeTensors<'_>, material: &str, index: usize) -> Result<Linear> {
     let take = |part: &str, rank: usize| {
         let name = format!("{material}.linear{index}.{part}");
@@ -180,10 +180,10 @@ fn layer(path: &Path, tensors: &SafeTensors<'_>, material: &str, index: usize) -
     Linear::new(&name, shape[1], shape[0], &weight, bias).map_err(|error| error.in_file(path))
 }
 
-/// Writes named networks as one file: to a temporary name first. The same networks give the same bytes.
+/// Writes named networks to one file, atomically. Equal networks give equal bytes.
 ///
 /// # Errors
-/// The file cannot be written, or the names are none that [`read_networks`] reads.
+/// The file cannot be written, or [`read_networks`] would not accept the names.
 pub fn write_networks(path: &Path, networks: &[(String, Network)]) -> Result<()> {
     let names: Vec<String> = networks.iter().map(|(name, _)| name.clone()).collect();
     check_names(path, &names)?;
@@ -204,7 +204,7 @@ pub fn write_networks(path: &Path, networks: &[(String, Network)]) -> Result<()>
         let view = TensorView::new(Dtype::F32, shape.clone(), bytes).map_err(|error| failed(error.to_string()))?;
         views.push((name.as_str(), view));
     }
-    // A single entry: the order of several would change from run to run.
+    // A single entry: the order of several would vary between runs.
     let metadata = HashMap::from([("headtail-materials".to_owned(), text)]);
     file::replace(path, &serialize(views, Some(metadata)).map_err(|error| failed(error.to_string()))?)
 }

@@ -1,4 +1,4 @@
-//! Measured materials as small networks (Sztrajman et al. 2021), with BRDF sampling of their own.
+//! Measured materials as small networks (Sztrajman et al. 2021), with fitted BRDF sampling.
 //!
 //! | file | concept |
 //! | --- | --- |
@@ -21,8 +21,7 @@ use glam::Vec3;
 use super::{Brdf, LATENTS, LobeMixture, Surfaces};
 use crate::{error::Result, simd::Lanes};
 
-/// A measured BRDF: a network that is evaluated, and a mixture of lobes that was fitted to it, from which directions
-/// are drawn.
+/// A measured BRDF: a network for evaluation, and a mixture of lobes fitted to it for sampling.
 pub struct NeuralBrdf {
     name: String,
     network: Network,
@@ -32,10 +31,10 @@ pub struct NeuralBrdf {
 }
 
 impl NeuralBrdf {
-    /// The BRDF of a network; fits its lobes.
+    /// Makes the BRDF of a network, and fits its lobes.
     ///
     /// # Errors
-    /// [`crate::Error::Argument`]: the network gives values that no surface has.
+    /// [`crate::Error::Argument`] if the network gives values that no surface has.
     pub fn new(name: &str, network: Network) -> Result<Self> {
         check::refuse_absurd(name, &network)?;
         let mixture = LobeMixture::fit(|at, wi, out| network.evaluate_cosine(at, wi, out));
@@ -47,7 +46,7 @@ impl NeuralBrdf {
         Ok(Self { name: name.to_owned(), network, mixture, hash: hasher.finalize(), check })
     }
 
-    /// Its name in the file.
+    /// The name in the file.
     pub fn name(&self) -> &str {
         &self.name
     }
@@ -57,20 +56,20 @@ impl NeuralBrdf {
         &self.mixture
     }
 
-    /// Luminance of `f_r max(0, n . wi)` towards each of some directions.
+    /// Luminance of `f_r max(0, n . wi)` for each direction.
     pub fn luminances(&self, n: Vec3, wo: Vec3, wi: &[Vec3]) -> Vec<f32> {
         let pairs: Vec<[Vec3; 2]> = wi.iter().map(|&wi| [wo, wi]).collect();
         self.network.reflected(n, &pairs).into_iter().map(super::luminance).collect()
     }
 
-    /// What was measured of it.
+    /// The measured properties.
     pub fn check(&self) -> &MaterialCheck {
         &self.check
     }
 }
 
 impl fmt::Debug for NeuralBrdf {
-    /// Equal for equal networks: scenes are told apart by it.
+    /// Equal for equal networks; scenes are compared by it.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "NeuralBrdf({}, {})", self.name, self.hash.to_hex())
     }

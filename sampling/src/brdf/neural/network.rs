@@ -1,8 +1,8 @@
 //! The network of a measured BRDF, over columns.
 //!
-//! After Sztrajman et al. 2021, "Neural BRDF Representation and Importance Sampling": half and difference vectors in,
-//! the logarithm of `1 + f_r` per channel out. The surface is isotropic: only the angle between half vector and normal
-//! is seen of the half vector.
+//! After Sztrajman et al. 2021, "Neural BRDF Representation and Importance Sampling": the inputs are
+//! half and difference vectors, the outputs are logarithms of `1 + f_r` per channel. The surface is
+//! isotropic: of the half vector, only the angle to the normal matters.
 
 use glam::Vec3;
 
@@ -14,22 +14,23 @@ use crate::{
     simd::{self, LANES, Lanes},
 };
 
-/// Numbers that the network sees: half vector, then difference vector.
+/// Number of inputs: half vector, then difference vector.
 pub const INPUTS: usize = 6;
-/// Numbers that it gives: a logarithm per channel.
+/// Number of outputs: one logarithm per channel.
 pub const OUTPUTS: usize = 3;
-/// Layers of the network.
+/// Number of layers of the network.
 pub const LAYERS: usize = 3;
-/// Widest hidden layer.
+/// Maximum width of hidden layers.
 pub const MAX_HIDDEN: usize = 32;
 
-/// Squared sine of the angle between half vector and normal below which its azimuth is rounding.
+/// Squared sine of the angle between half vector and normal below which the azimuth is only rounding error.
 const SMALLEST_SQUARED_SINE: f32 = 1e-13;
 
 /// Affine layers with ReLU between them, 6 - hidden - hidden - 3: `f_r = max(0, exp(network(x)) - 1)`.
 ///
-/// With the half vector `h` in the plane y = 0 of a frame whose z axis is the normal, `x = (h.x, 0, h.z, d.x, d.y,
-/// d.z)`, where `d` is `wi` turned about the y axis by the angle that takes `h` to the z axis (Rusinkiewicz 1998).
+/// With the half vector `h` in the plane y = 0 of a frame whose z axis is the normal,
+/// `x = (h.x, 0, h.z, d.x, d.y, d.z)`, where `d` is `wi` turned about the y axis by the angle that
+/// takes `h` to the z axis (Rusinkiewicz 1998).
 #[derive(Clone)]
 pub struct Network {
     layers: [Linear; LAYERS],
@@ -37,10 +38,10 @@ pub struct Network {
 }
 
 impl Network {
-    /// The network of its layers.
+    /// Makes a network of its layers.
     ///
     /// # Errors
-    /// Sizes that do not follow one another, hidden layers wider than [`MAX_HIDDEN`].
+    /// The layers' sizes do not match, or a hidden layer is wider than [`MAX_HIDDEN`].
     pub fn new(name: &str, layers: [Linear; LAYERS]) -> Result<Self> {
         let sizes = layers.each_ref().map(|layer| (layer.inputs(), layer.outputs()));
         let [first, second, third] = sizes;
@@ -59,7 +60,7 @@ impl Network {
         &self.layers
     }
 
-    /// No logarithm that the network gives is larger, whatever the directions.
+    /// An upper bound on the network's logarithms over all directions.
     pub fn bound(&self) -> f32 {
         let mut reach = vec![1.0; INPUTS];
         for layer in &self.layers {
@@ -77,7 +78,7 @@ impl Network {
         self.reflected(Vec3::Z, pairs)
     }
 
-    /// `f_r max(0, n . wi)` per channel for pairs of `wo` and `wi` at one normal.
+    /// Evaluates `f_r max(0, n . wi)` per channel for pairs of `wo` and `wi` at one normal.
     pub fn reflected(&self, n: Vec3, pairs: &[[Vec3; 2]]) -> Vec<Vec3> {
         let count = strips(pairs.len());
         let mut columns = vec![vec![[0.0; LANES]; count]; 9];
@@ -98,21 +99,21 @@ impl Network {
         (0..pairs.len()).map(|place| Vec3::from_array(channels.map(|channel| channel[place]))).collect()
     }
 
-    /// `f_r max(0, n . wi)` per channel, in 1/sr; 0 where a direction is below the horizon.
+    /// Evaluates `f_r max(0, n . wi)` per channel, in 1/sr; 0 where a direction is below the horizon.
     pub fn evaluate_cosine(&self, at: &Surfaces<'_>, wi: [&[Lanes]; 3], out: [&mut [Lanes]; 3]) {
         evaluate(self, at, wi, out);
     }
 }
 
-/// What the network sees of a pair of directions.
+/// The network's inputs for a pair of directions.
 #[inline(always)]
 fn inputs(n: Vec3, wo: Vec3, wi: Vec3) -> [f32; INPUTS] {
     let sum = wo + wi;
     let h = sum * reciprocal_length(sum.dot(sum));
-    // The sine of the angle to the normal, from a product, which does not cancel.
+    // The sine of the angle to the normal by a cross product, without cancellation.
     let across = n.cross(h);
     let squared_sine = across.dot(across);
-    // Without an azimuth of its own the half vector has that of wi: the difference vector is then in the plane y = 0.
+    // A half vector without azimuth takes that of wi, which puts the difference vector into the plane y = 0.
     let has_azimuth = squared_sine > SMALLEST_SQUARED_SINE;
     let fallback = n.cross(wi);
     let across = Vec3::new(
@@ -126,7 +127,7 @@ fn inputs(n: Vec3, wo: Vec3, wi: Vec3) -> [f32; INPUTS] {
     [sin, 0.0, cos, cos * x.dot(wi) - sin * n.dot(wi), y.dot(wi), h.dot(wi)]
 }
 
-/// One over the length of a vector of that squared length; finite for the zero vector.
+/// 1 over the square root of a squared length; finite for the zero vector.
 #[inline(always)]
 fn reciprocal_length(squared: f32) -> f32 {
     1.0 / if squared > f32::MIN_POSITIVE { squared } else { f32::MIN_POSITIVE }.sqrt()

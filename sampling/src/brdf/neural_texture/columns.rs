@@ -1,4 +1,5 @@
-//! A neural material as a BRDF over columns. Parameters: the features, the tangent's cosine and sine in the frame of the normal, handedness.
+//! A neural material as a BRDF over columns. Parameters: the features, the tangent's cosine and sine in
+//! the frame of the normal, handedness.
 
 use glam::{Vec2, Vec3};
 
@@ -15,7 +16,7 @@ use crate::{
     simd::{self, LANES, Lanes, Simd},
 };
 
-/// How many parameters.
+/// Number of parameters.
 const PARAMETERS: usize = FEATURES + 3;
 
 impl Brdf for NeuralTexture {
@@ -62,7 +63,7 @@ impl Brdf for NeuralTexture {
     }
 }
 
-/// The tangent frame of one lane: from the frame of the normal, turned.
+/// The tangent frame of one lane: the frame of the normal, rotated to the tangent.
 #[inline(always)]
 fn tangent_frame(at: &Strip, lane: usize) -> Frame {
     let n = Vec3::new(at.n[0][lane], at.n[1][lane], at.n[2][lane]);
@@ -71,9 +72,9 @@ fn tangent_frame(at: &Strip, lane: usize) -> Frame {
     Frame { s: s * cos + t * sin, t: (t * cos - s * sin) * hand, n }
 }
 
-/// One strip of surfaces, loaded: what networks see of them, and the directions to the viewer in the tangent frame.
+/// One loaded strip of surfaces: the networks' inputs, and directions to the viewer in the tangent frame.
 struct Strip {
-    /// Features, then `wo.xy`; two rows are left for `wi.xy`.
+    /// Features, then `wo.xy`, and two rows for `wi.xy`.
     input: [Lanes; FEATURES + 4],
     n: [Lanes; 3],
     wo: [Lanes; 3],
@@ -166,7 +167,8 @@ vectorized! {
                 let mixture = mixture_of(&raw, lane);
                 let wo = Vec3::new(surfaces.wo[0][lane], surfaces.wo[1][lane], surfaces.wo[2][lane]);
                 let mirrors = u[0][lane] < mixture.share;
-                // Either branch stretches its part of the number to the whole interval; a quotient may round up to 1.
+                // Stretches the chosen part of the number to the whole interval; a quotient may round
+                // up to 1.
                 let rest = (u[0][lane] - mixture.share) / (1.0 - mixture.share);
                 let first = if mirrors { u[0][lane] / mixture.share } else { rest };
                 let stretched = Vec2::new(if first < BELOW_ONE { first } else { BELOW_ONE }, u[1][lane]);

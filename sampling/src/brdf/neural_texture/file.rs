@@ -1,4 +1,5 @@
-//! The file of a neural material: safetensors, half-precision texels, f32 networks; nothing in it is trusted.
+//! The file of a neural material: safetensors with half-precision texels and f32 networks. All content
+//! is validated.
 
 use std::{collections::HashMap, path::Path};
 
@@ -17,15 +18,15 @@ use crate::{
     tensor_file,
 };
 
-/// The version of the format that is written and read.
+/// The version of the format.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// Larger files are refused before they are read: a side of 1024 takes 22 MB.
+/// Larger files are rejected before they are read; a side of 1024 takes 22 MB.
 const LARGEST_FILE: u64 = 1 << 25;
-/// Layers of the three networks in a file.
+/// Names and numbers of layers of the three networks in a file.
 const LAYERS: [(&str, usize); 3] = [("shift", 3), ("reflectance", 4), ("mixture", 3)];
 
-/// What a file says of its material.
+/// The metadata of a material's file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Description {
@@ -33,21 +34,21 @@ pub struct Description {
     pub format_version: u32,
     /// `neural-texture`.
     pub kind: String,
-    /// What it was fitted to.
+    /// Name of the fitted material.
     pub name: String,
-    /// Slope of the leaky ReLU of its networks.
+    /// Slope of the networks' leaky ReLU.
     pub leaky_slope: f32,
-    /// Steps of the training.
+    /// Training steps.
     pub steps: u64,
-    /// Peak signal-to-noise ratio in dB over directions and places that training has not seen; none where it was not measured.
+    /// Peak signal-to-noise ratio in dB over held-out directions and positions; `None` if not measured.
     pub psnr: Option<f64>,
-    /// Wall-clock seconds of the training, where they are known.
+    /// Wall-clock seconds of the training, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
 }
 
 impl Description {
-    /// Of a material called `name`.
+    /// Makes the description of a material called `name`.
     pub fn new(name: &str, leaky_slope: f32) -> Self {
         let kind = "neural-texture".to_owned();
         let (name, format_version) = (name.to_owned(), FORMAT_VERSION);
@@ -59,14 +60,14 @@ impl NeuralTexture {
     /// Reads a file.
     ///
     /// # Errors
-    /// One sentence that names the file and the field: it is not of this format, is damaged, or holds a field, a tensor or a version that
-    /// this reader does not know.
+    /// An error that names the file and the field if the file is not of this format, is damaged, or
+    /// holds an unknown field, tensor or version.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         Self::from_bytes(path, &bytes)
     }
 
-    /// [`Self::read`] of bytes that are already there; `path` is for errors.
+    /// [`Self::read`] from bytes; `path` is for errors.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -98,7 +99,7 @@ impl NeuralTexture {
         Self::new(pyramid, networks, description).map_err(|error| error.in_file(path))
     }
 
-    /// Writes the file to a temporary name beside `path` and renames it; texels are rounded to half precision. Equal materials give equal bytes.
+    /// Writes the file atomically; texels are rounded to half precision. Equal materials give equal bytes.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -107,10 +108,10 @@ impl NeuralTexture {
         file::replace(path, &bytes)
     }
 
-    /// The same material with texels of half precision, as a file has them.
+    /// The same material with texels rounded to half precision, as in a file.
     ///
     /// # Errors
-    /// When a texel is beyond the range of half precision.
+    /// A texel exceeds the range of half precision.
     pub fn rounded(&self) -> Result<Self> {
         let round = |texel: &[f32; FEATURES]| texel.map(|value| f16::from_f32(value).to_f32());
         let pyramid = Pyramid::new(self.pyramid.side(), self.pyramid.texels().iter().map(round).collect())?;
@@ -134,7 +135,7 @@ impl NeuralTexture {
             }
         }
         let description = serde_json::to_string(&self.description).map_err(|error| error.to_string())?;
-        // A single entry: the order of several would change from run to run.
+        // A single entry: the order of several would vary between runs.
         let metadata = HashMap::from([("headtail".to_owned(), description)]);
         let mut views = Vec::with_capacity(tensors.len());
         for (name, dtype, shape, bytes) in &tensors {
@@ -144,7 +145,7 @@ impl NeuralTexture {
         serialize(views, Some(metadata)).map_err(|error| error.to_string())
     }
 
-    /// BLAKE3 of all that reflectance depends on.
+    /// BLAKE3 hash of everything that reflectance depends on.
     pub(super) fn content_hash(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
         let mut add = |values: &[f32]| {
@@ -164,7 +165,7 @@ impl NeuralTexture {
     }
 }
 
-/// The textures of a file.
+/// Reads the textures of a file.
 fn texels(path: &Path, tensors: &SafeTensors<'_>) -> Result<Pyramid> {
     let invalid = |reason: String| Error::invalid(path, "tensor 'texels'", reason);
     let view = tensors.tensor("texels").map_err(|_| invalid("is missing".into()))?;
@@ -175,13 +176,13 @@ fn texels(path: &Path, tensors: &SafeTensors<'_>) -> Result<Pyramid> {
     let Some(side) = side.filter(|_| view.dtype() == Dtype::F16) else {
         return Err(invalid(format!("is {:?} of {count} texels; f16 of a whole pyramid is expected", view.dtype())));
     };
-    // The library has checked that the bytes fill the shape.
+    // The library has checked that the bytes match the shape.
     let values = view.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]).to_f32());
     let values: Vec<f32> = values.collect();
     Pyramid::new(side, values.as_chunks().0.to_vec()).map_err(|error| error.in_file(path))
 }
 
-/// The layers of a network of a file.
+/// Reads the layers of a network of a file.
 fn layers(path: &Path, tensors: &SafeTensors<'_>, part: &str, count: usize) -> Result<Vec<Linear>> {
     let take = |name: String, rank: usize| {
         let invalid = |reason: String| Error::invalid(path, format!("tensor '{name}'"), reason);

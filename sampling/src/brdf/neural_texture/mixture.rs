@@ -1,8 +1,10 @@
-//! The lobes that directions are drawn from: a cosine lobe, and mirrored directions about slopes of a shifted Trowbridge-Reitz distribution.
+//! The lobes for sampling: a cosine lobe, and mirror directions for slopes of a shifted
+//! Trowbridge-Reitz distribution.
 //!
-//! With `h` the half vector and `p = -(h.x, h.y) / h.z` its slope, the second lobe has `p` distributed as
-//! `1 / (pi a.x a.y (1 + q)^2)` with `q = ((p.x - t.x) / a.x)^2 + ((p.y - t.y) / a.y)^2`: a Trowbridge-Reitz distribution of widths `a`
-//! whose highlight is moved by the slope `t`. The change from slopes to directions is `1 / (4 h.z^3 (h . wo))`.
+//! With `h` the half vector and `p = -(h.x, h.y) / h.z` its slope, the second lobe has `p` distributed
+//! as `1 / (pi a.x a.y (1 + q)^2)` with `q = ((p.x - t.x) / a.x)^2 + ((p.y - t.y) / a.y)^2`: a
+//! Trowbridge-Reitz distribution of widths `a` whose highlight is shifted by the slope `t`. The
+//! Jacobian from slopes to directions is `1 / (4 h.z^3 (h . wo))`.
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -10,14 +12,16 @@ use glam::{Vec2, Vec3};
 
 use crate::simd;
 
-/// Numbers of the network: share, widths and shift of the second lobe; then share and width of the lobe that is nearest without a shift.
+/// Outputs of the network: weight, widths and shift of the second lobe; then weight and width of the
+/// closest lobe without shift.
 pub(super) const OUTPUTS: usize = 7;
 
-/// The least share of the cosine lobe: weights are at most so many times larger than those of cosine sampling.
+/// The least weight of the cosine lobe: sample weights are at most `1 / COSINE_FLOOR` times those of
+/// cosine sampling.
 pub const COSINE_FLOOR: f32 = 0.05;
-/// The least share of the other lobe.
+/// The least weight of the other lobe.
 pub const LOBE_FLOOR: f32 = 0.02;
-/// The least width, and how much wider a lobe may be.
+/// The least width, and the range of widths above it.
 pub const WIDTHS: [f32; 2] = [0.04, 1.2];
 /// The largest shift, as a slope.
 pub const FARTHEST: f32 = 1.0;
@@ -25,16 +29,16 @@ pub const FARTHEST: f32 = 1.0;
 /// A mixture of lobes in the tangent frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Mixture {
-    /// Probability of the second lobe.
+    /// Selection probability of the second lobe.
     pub share: f32,
-    /// Its widths along u and v.
+    /// Widths of that lobe along u and v.
     pub widths: Vec2,
-    /// The slope that it is moved by.
+    /// The slope by which that lobe is shifted.
     pub shift: Vec2,
 }
 
 impl Mixture {
-    /// The mixture of the network's first five outputs.
+    /// Makes the mixture of the network's first five outputs.
     #[inline(always)]
     pub fn of(raw: [f32; 5]) -> Self {
         Self {
@@ -47,7 +51,7 @@ impl Mixture {
     /// The density of the second lobe in solid angle.
     #[inline(always)]
     fn lobe(&self, wo: Vec3, wi: Vec3) -> f32 {
-        // Not of unit length: h . wo is half of its length.
+        // Not normalised: for the unit half vector, h . wo is half of this length.
         let h = wo + wi;
         let squared = h.dot(h);
         let slope_x = -h.x / h.z - self.shift.x;
@@ -65,7 +69,7 @@ impl Mixture {
         if (wi.z > 0.0) & (wo.z > 0.0) { mixed } else { 0.0 }
     }
 
-    /// The direction that the second lobe draws; its z is 0 where there is none.
+    /// Draws a direction from the second lobe; z is 0 if there is no sample.
     #[inline(always)]
     pub fn mirrored(&self, wo: Vec3, u: Vec2) -> Vec3 {
         let radius = (u.x / (1.0 - u.x)).sqrt();
@@ -83,19 +87,19 @@ impl Mixture {
     }
 }
 
-/// A share from its logit.
+/// The weight of a lobe from its logit.
 #[inline(always)]
 pub(super) fn share(raw: f32) -> f32 {
     LOBE_FLOOR + (1.0 - LOBE_FLOOR - COSINE_FLOOR) * simd::sigmoid(raw)
 }
 
-/// A width from its logit.
+/// The width of a lobe from its logit.
 #[inline(always)]
 pub(super) fn width(raw: f32) -> f32 {
     WIDTHS[0] + WIDTHS[1] * simd::sigmoid(raw)
 }
 
-/// A shift from its logit.
+/// The shift of a lobe from its logit.
 #[inline(always)]
 fn shift(raw: f32) -> f32 {
     FARTHEST * (2.0 * simd::sigmoid(raw) - 1.0)

@@ -1,9 +1,11 @@
-//! Neural materials over a surface: a pyramid of textures of features, and networks that turn features and directions into reflectance.
+//! Neural materials over a surface: a pyramid of feature textures, and networks from features and
+//! directions to reflectance.
 //!
-//! A simplified NeuMIP (Kuznetsov et al. 2021). Where a surface is hit, [`NeuralTexture::features`] looks up eight features, shifts the
-//! place by what a small network makes of them and of the view (the parallax of what is above or below the reference plane), and looks
-//! them up again there. They are the parameters of the [`Brdf`](super::Brdf): a network of features, `wo` and `wi` gives `ln f_r`. A third
-//! network gives the lobes that directions are drawn from ([`Mixture`]), with their exact density.
+//! A simplified NeuMIP (Kuznetsov et al. 2021). At a hit, [`NeuralTexture::features`] looks up eight
+//! features, shifts the position by the output of a small network of these and the view (the parallax
+//! of structure above or below the reference plane), and looks the features up again there. They are
+//! the parameters of the [`Brdf`](super::Brdf): a network of features, `wo` and `wi` gives `ln f_r`. A
+//! third network gives the lobes for sampling ([`Mixture`]), with their exact density.
 //!
 //! Directions are in the surface's tangent frame: x along u, y along v, z along the normal.
 //!
@@ -11,7 +13,7 @@
 //! | --- | --- |
 //! | `pyramid.rs` | textures of features, looked up trilinearly |
 //! | `network.rs` | small networks in SIMD lanes |
-//! | `mixture.rs` | the lobes that directions are drawn from |
+//! | `mixture.rs` | the lobes for sampling |
 //! | `columns.rs` | evaluation over columns |
 //! | `file.rs` | the file format |
 
@@ -32,18 +34,18 @@ use glam::{Vec2, Vec3};
 use crate::{error::Result, linear::Linear, simd};
 use network::Network;
 
-/// Numbers of each texel.
+/// Numbers per texel.
 pub const FEATURES: usize = 8;
 
 /// Standard deviation of a texel's Gaussian footprint, in texels of its level.
 pub const TEXEL_WIDTH: f32 = 0.4;
 
-/// The farthest that a lookup is shifted at 45 degrees, in tiles.
+/// The largest shift of a lookup at 45 degrees, in tiles.
 pub const FARTHEST_SHIFT: f32 = 0.25;
-/// The least cosine that a shift is divided by.
+/// The least cosine by which a shift is divided.
 pub const LEAST_SHIFT_COSINE: f32 = 0.15;
 
-/// The largest `ln f_r`: what weights are bounded by where a network is asked for what it has not seen.
+/// The largest `ln f_r`, which bounds sample weights where a network extrapolates.
 pub const LARGEST_LOG: f32 = 6.0;
 
 /// Sizes of the networks, from input to output.
@@ -53,7 +55,7 @@ pub const REFLECTANCE_SIZES: [usize; 5] = [FEATURES + 4, 32, 32, 32, 3];
 /// See [`SHIFT_SIZES`].
 pub const MIXTURE_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, mixture::OUTPUTS];
 
-/// Where a point of a surface is on a neural material, and how it is seen.
+/// The position, footprint and view of a surface point on a neural material.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seen {
     /// Texture coordinates in tiles.
@@ -62,11 +64,12 @@ pub struct Seen {
     pub width: f32,
     /// Direction to the viewer in the tangent frame.
     pub wo: Vec3,
-    /// Cosine and sine of the angle from the first axis of [`Frame`](crate::frame::Frame) to the tangent, and 1, or -1 where the texture is mirrored.
+    /// Cosine and sine of the angle from the first axis of [`Frame`](crate::frame::Frame) to the
+    /// tangent, and the handedness: 1, or -1 where the texture is mirrored.
     pub tangent: [f32; 3],
 }
 
-/// Layers of the three networks, first to last; leaky ReLU of one slope after all but the last.
+/// Layers of the three networks, first to last, with a leaky ReLU of one slope after all but the last.
 #[derive(Clone, Debug)]
 pub struct Networks {
     /// From features and `wo.xy` to the shift, see [`SHIFT_SIZES`].
@@ -91,17 +94,17 @@ pub struct NeuralTexture {
 }
 
 impl fmt::Debug for NeuralTexture {
-    /// What it is told apart by: equal hashes mean equal materials.
+    /// Name and hash: equal hashes mean equal materials.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "NeuralTexture({} {})", self.description.name, self.hash.to_hex())
     }
 }
 
 impl NeuralTexture {
-    /// A material of a pyramid and its networks.
+    /// Makes a material of a pyramid and its networks.
     ///
     /// # Errors
-    /// When a network has other sizes, or the slope is not in `[0, 1]`.
+    /// A network has wrong sizes, or the slope is not in `[0, 1]`.
     pub fn new(pyramid: Pyramid, networks: Networks, description: Description) -> Result<Self> {
         let Networks { shift, reflectance, mixture, leaky_slope } = networks;
         let mut material = Self {
@@ -116,22 +119,22 @@ impl NeuralTexture {
         Ok(material)
     }
 
-    /// What the file says of it.
+    /// The metadata of the file.
     pub fn description(&self) -> &Description {
         &self.description
     }
 
-    /// Notes its measured error, in dB; see [`Description::psnr`].
+    /// Sets [`Description::psnr`], in dB.
     pub fn set_psnr(&mut self, psnr: f64) {
         self.description.psnr = psnr.is_finite().then_some(psnr);
     }
 
-    /// Notes the time of its training, see [`Description::seconds`].
+    /// Sets [`Description::seconds`].
     pub fn set_seconds(&mut self, seconds: f64) {
         self.description.seconds = seconds.is_finite().then_some(seconds);
     }
 
-    /// BLAKE3 of all that reflectance depends on.
+    /// BLAKE3 hash of everything that reflectance depends on.
     pub fn hash(&self) -> blake3::Hash {
         self.hash
     }
@@ -141,12 +144,12 @@ impl NeuralTexture {
         &self.pyramid
     }
 
-    /// Standard deviation of the footprint of a texel of the finest level, in tiles.
+    /// Standard deviation of a texel's footprint at the finest level, in tiles.
     pub fn finest_width(&self) -> f32 {
         TEXEL_WIDTH / self.pyramid.side() as f32
     }
 
-    /// The features at a point: those of the shifted place.
+    /// Looks up the features at a point, with the shift.
     pub fn features(&self, seen: &Seen) -> [f32; FEATURES] {
         let level = (seen.width / self.finest_width()).max(1.0).log2();
         let first = self.pyramid.sample(seen.uv, level);

@@ -1,4 +1,4 @@
-//! Small networks, evaluated in SIMD lanes: those of neural materials, and of samplers that were trained for a material.
+//! Small networks in SIMD lanes: those of neural materials, and of samplers trained for a material.
 
 use crate::{
     error::{Error, Result},
@@ -18,7 +18,7 @@ pub(crate) struct Network {
 }
 
 impl Network {
-    /// Checks the sizes, from input to output.
+    /// Makes a network, and checks its sizes, from input to output.
     pub fn new(name: &str, sizes: &[usize], layers: Vec<Linear>, leaky_slope: f32) -> Result<Self> {
         if layers.len() + 1 != sizes.len() {
             let reason = format!("has {} layers instead of {}", layers.len(), sizes.len() - 1);
@@ -48,7 +48,8 @@ impl Network {
         self.leaky_slope
     }
 
-    /// The outputs of one strip of inputs, in the first places of `out`, which is as wide as the widest layer.
+    /// Evaluates one strip of inputs. The outputs are the first entries of `out`, which is as wide as
+    /// the widest layer.
     #[inline(always)]
     pub fn forward<S: Simd, const W: usize>(&self, simd: S, input: &[Lanes], out: &mut [Lanes; W]) {
         let mut other = [[0.0; LANES]; W];
@@ -60,7 +61,7 @@ impl Network {
         }
     }
 
-    /// The outputs for one point.
+    /// Evaluates one point.
     pub fn of_one(&self, input: &[f32], out: &mut [f32]) {
         let (mut x, mut y) = ([0.0; WIDEST], [0.0; WIDEST]);
         x[..input.len()].copy_from_slice(input);

@@ -5,10 +5,10 @@ use glam::Vec2;
 use super::FEATURES;
 use crate::error::{Error, Result};
 
-/// The widest finest level.
+/// Maximum side of the finest level.
 const MOST_TEXELS: usize = 1024;
 
-/// Textures of `side`, `side / 2`, ..., 1 texels along each axis of the unit square, which repeats.
+/// Textures of `side`, `side / 2`, ..., 1 texels along each axis of the periodic unit square.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pyramid {
     side: usize,
@@ -17,15 +17,16 @@ pub struct Pyramid {
 }
 
 impl Pyramid {
-    /// How many texels all levels have together.
+    /// Total number of texels of all levels.
     pub fn texel_count(side: usize) -> usize {
         (0..=side.ilog2()).map(|level| (side >> level) * (side >> level)).sum()
     }
 
-    /// A pyramid of the texels of all levels, the finest first.
+    /// Makes a pyramid of the texels of all levels, the finest first.
     ///
     /// # Errors
-    /// When the side is no power of two up to 1024, the number of texels is another, or a number is not finite.
+    /// The side is not a power of two up to 1024, the number of texels does not match, or a number is
+    /// not finite.
     pub fn new(side: usize, texels: Vec<[f32; FEATURES]>) -> Result<Self> {
         if !side.is_power_of_two() || side > MOST_TEXELS {
             return Err(Error::argument("texture", format!("side {side} is no power of two up to {MOST_TEXELS}")));
@@ -45,7 +46,7 @@ impl Pyramid {
         self.side
     }
 
-    /// How many levels there are.
+    /// Number of levels.
     pub fn levels(&self) -> usize {
         self.side.ilog2() as usize + 1
     }
@@ -55,10 +56,10 @@ impl Pyramid {
         &self.texels
     }
 
-    /// The eight texels that a lookup at a place (in tiles) and a level reads, and their weights.
+    /// The eight texels that a lookup at a position (in tiles) and a level reads, and their weights.
     pub fn taps(side: usize, uv: Vec2, level: f32) -> [(usize, f32); 8] {
         let coarsest = side.ilog2();
-        // What is no number becomes 0.
+        // NaN becomes 0.
         let level = level.max(0.0).min(coarsest as f32);
         let below = (level as u32).min(coarsest);
         let between = level - below as f32;
@@ -73,7 +74,7 @@ impl Pyramid {
         taps
     }
 
-    /// The features at a place (in tiles) and a level: 0 is the finest.
+    /// Looks up the features at a position (in tiles) and a level; 0 is the finest.
     pub fn sample(&self, uv: Vec2, level: f32) -> [f32; FEATURES] {
         let mut sum = [0.0; FEATURES];
         for (texel, weight) in Self::taps(self.side, uv, level) {
@@ -85,9 +86,10 @@ impl Pyramid {
     }
 }
 
-/// The four texels around a place of a periodic texture of `side` texels, whose centres are at half-integers, and their weights.
+/// The four texels around a position in a periodic texture of `side` texels, with centres at
+/// half-integers, and their weights.
 fn bilinear(side: usize, uv: Vec2) -> [(usize, f32); 4] {
-    // The part within the tile; what is not finite is 0.
+    // The position within the tile; 0 if not finite.
     let part = |x: f32| if x.is_finite() { x - x.floor() } else { 0.0 };
     let (x, y) = (part(uv.x) * side as f32 - 0.5, part(uv.y) * side as f32 - 0.5);
     let (left, top) = (x.floor(), y.floor());

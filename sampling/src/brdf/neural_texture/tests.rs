@@ -10,7 +10,7 @@ use crate::{
     tile::ShadingPoint,
 };
 
-/// A material of random weights, rounded as a file has them.
+/// A material of random weights, with texels rounded as in a file.
 pub(crate) fn random_material(seed: u64, side: usize) -> NeuralTexture {
     let mut random = Stream::new(seed, Purpose::Test, 0);
     let mut number = |scale: f32| scale * (2.0 * random.uniform() - 1.0);
@@ -33,7 +33,8 @@ pub(crate) fn random_material(seed: u64, side: usize) -> NeuralTexture {
     NeuralTexture::new(pyramid, networks, Description::new("random", 0.01)).unwrap().rounded().unwrap()
 }
 
-/// A shading point of a material with a random normal, tangent, handedness and view at most `degrees` from the normal.
+/// A shading point of a material with random normal, tangent, handedness, and view at most `degrees`
+/// from the normal.
 pub(crate) fn point(material: &NeuralTexture, brdf: u32, random: &mut Stream, degrees: f32) -> ShadingPoint {
     let n = random.direction();
     let angle = (degrees * random.uniform()).to_radians();
@@ -52,7 +53,7 @@ pub(crate) fn point(material: &NeuralTexture, brdf: u32, random: &mut Stream, de
 }
 
 #[test]
-fn draws_follow_their_density_which_integrates_to_their_share() {
+fn draws_match_their_density() {
     const POINTS: usize = 12;
     for seed in 0..POINTS as u64 {
         let material = Arc::new(random_material(seed, 8));
@@ -60,7 +61,7 @@ fn draws_follow_their_density_which_integrates_to_their_share() {
         let mut random = Stream::new(seed, Purpose::Test, 1);
         let at = point(&material, brdf, &mut random, 85.0);
         let one = OnePoint::of_table(&at, 4096, &table);
-        // Cells of the horizon are cut: their integral is off by some tenths of a percent.
+        // Cells at the horizon are cut: their integral is off by a few tenths of a percent.
         let test = headtail_render::statistics::SphereChiSquare {
             rows: 25,
             subcells: 15,
@@ -78,7 +79,7 @@ fn draws_follow_their_density_which_integrates_to_their_share() {
 }
 
 #[test]
-fn drawn_by_its_lobes_or_by_cosine_it_reflects_the_same() {
+fn lobe_and_cosine_sampling_give_the_same_albedo() {
     for seed in 0..6 {
         let material = Arc::new(random_material(seed, 8));
         let (table, brdf) = BrdfTable::default().with(material.clone());
@@ -99,7 +100,7 @@ fn drawn_by_its_lobes_or_by_cosine_it_reflects_the_same() {
     }
 }
 
-/// Mean over `count`, and its squared standard error; what is not there is 0.
+/// Mean over `count`, and its squared standard error; missing values count as 0.
 fn moments(values: impl Iterator<Item = f32>, count: usize) -> (f64, f64) {
     let (mut sum, mut squares) = (0.0, 0.0);
     for value in values.map(f64::from) {
@@ -110,7 +111,7 @@ fn moments(values: impl Iterator<Item = f32>, count: usize) -> (f64, f64) {
 }
 
 #[test]
-fn extreme_points_give_numbers() {
+fn extreme_points_give_finite_values() {
     let material = Arc::new(random_material(1, 4));
     let (table, brdf) = BrdfTable::default().with(material.clone());
     let mut random = Stream::new(1, Purpose::Test, 3);
@@ -135,7 +136,7 @@ fn extreme_points_give_numbers() {
 }
 
 #[test]
-fn lobes_say_what_is_there() {
+fn lobe_widths_and_parameter_counts_are_consistent() {
     let material = Arc::new(random_material(3, 4));
     let (table, brdf) = BrdfTable::default().with(material.clone());
     let at = point(&material, brdf, &mut Stream::new(3, Purpose::Test, 4), 60.0);
@@ -147,7 +148,7 @@ fn lobes_say_what_is_there() {
 }
 
 #[test]
-fn a_file_gives_the_material_back() {
+fn files_round_trip() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("material.safetensors");
     let mut material = random_material(5, 16);
@@ -161,7 +162,7 @@ fn a_file_gives_the_material_back() {
 }
 
 #[test]
-fn damaged_files_give_a_sentence() {
+fn damaged_files_are_rejected_with_the_field() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("material.safetensors");
     random_material(7, 4).write(&path).unwrap();
@@ -188,7 +189,7 @@ fn damaged_files_give_a_sentence() {
         let message = altered(from, to);
         assert!(message.starts_with("m: ") && message.contains(word), "{from}: {message}");
     }
-    // Texels that are infinite, in half precision.
+    // Infinite texels in half precision.
     let header = 8 + u64::from_le_bytes(good[..8].try_into().unwrap()) as usize;
     let half = half::f16::INFINITY.to_le_bytes();
     let mut messages = Vec::new();
@@ -198,7 +199,7 @@ fn damaged_files_give_a_sentence() {
         messages.extend(read(&bytes).err().map(|error| error.to_string()));
     }
     assert!(messages.iter().any(|message| message.contains("not finite")), "{messages:?}");
-    // Every cut is refused.
+    // Truncated files are rejected.
     for length in (0..good.len()).step_by(101) {
         assert!(read(&good[..length]).is_err(), "{length}");
     }

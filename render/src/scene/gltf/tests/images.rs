@@ -89,7 +89,7 @@ fn metalness_is_blue_and_roughness_green() {
     assert_eq!(at(&json, 0.1, 0.85), (0.5, 0.0));
     assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.1, 0.1), Vec3A::ONE);
 
-    // A set of coordinates of its own, which the primitive does not have: the factors alone.
+    // A coordinate set of its own that the primitive lacks: only the factors apply.
     set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/texCoord", json!(1));
     assert_eq!(at(&json, 0.1, 0.1), (0.5, 0.25));
     // Both textures, each with its own set; the second one is the first one's accessor.
@@ -98,13 +98,13 @@ fn metalness_is_blue_and_roughness_green() {
     set(&mut json, "/meshes/0/primitives/0/attributes/TEXCOORD_1", json!(2));
     assert_eq!(at(&json, 0.85, 0.1), (0.0, 0.25));
     assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.85, 0.1), Vec3A::Y);
-    // A texture that is not there.
+    // A missing texture.
     set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/index", json!(3));
     assert_fails(load(&json, &bin), "metallicRoughnessTexture.index");
 }
 
 #[test]
-fn what_a_material_leaves_out_is_metallic_and_rough() {
+fn material_defaults_are_metallic_and_rough() {
     let (mut json, bin) = triangle();
     for material in [json!({}), json!({"pbrMetallicRoughness": {}})] {
         set(&mut json, "/materials/0", material);
@@ -132,7 +132,7 @@ fn broken_images_are_refused() {
     assert_fails(load(&json, &bin), "textures[0].sampler");
 }
 
-/// [`png`], its header saying another size.
+/// [`png`] with another size in its header.
 fn png_of(width: u32, height: u32) -> Vec<u8> {
     let mut bytes = png();
     let start = bytes.windows(4).position(|four| four == b"IHDR").unwrap();
@@ -146,7 +146,7 @@ fn png_of(width: u32, height: u32) -> Vec<u8> {
     bytes
 }
 
-/// A JPEG of 8 x 8 texels, its header saying another size.
+/// A JPEG of 8 x 8 texels with another size in its header.
 fn jpeg_of(width: u16, height: u16) -> Vec<u8> {
     let mut bytes = std::io::Cursor::new(Vec::new());
     image::write_buffer_with_format(&mut bytes, &[9; 192], 8, 8, image::ColorType::Rgb8, image::ImageFormat::Jpeg)
@@ -160,7 +160,7 @@ fn jpeg_of(width: u16, height: u16) -> Vec<u8> {
 }
 
 #[test]
-fn images_that_promise_too_much_are_refused_before_they_are_decoded() {
+fn oversized_images_are_rejected_before_decoding() {
     let cases = [
         (png_of(100_000, 100_000), "100000 x 100000 texels; up to 134217728"),
         (png_of(16_384, 16_384), "16384 x 16384 texels; up to 134217728"),
@@ -181,7 +181,7 @@ fn images_that_promise_too_much_are_refused_before_they_are_decoded() {
         std::fs::write(&path, glb(json.to_string().as_bytes(), &bin)).unwrap();
         assert_fails(Scene::load(&path), &format!("images[0]: has {word}"));
     }
-    // What the headers of both say is what is decoded.
+    // With the true sizes in their headers, both are decoded.
     for bytes in [png_of(2, 2), jpeg_of(8, 8)] {
         let data = format!("data:;base64,{}", STANDARD.encode(&bytes));
         let (json, bin) = textured(&json!({"uri": data}));
@@ -191,7 +191,7 @@ fn images_that_promise_too_much_are_refused_before_they_are_decoded() {
 
 #[test]
 fn normal_maps_lean_the_shading_normal() {
-    // One texel that leans to growing u, which is +x on this triangle.
+    // One texel that tilts towards growing u, which is +x on this triangle.
     let png = encode_png_rgb8(1, 1, &[[255, 128, 255]]).unwrap();
     let uri = format!("data:image/png;base64,{}", STANDARD.encode(png));
     let (mut json, bin) = textured(&json!({"uri": uri}));

@@ -12,8 +12,9 @@ use super::{
 use crate::scene::{LoadOptions, Ray, Scene, gltf::MOST_COPIED};
 
 #[test]
-fn scenes_by_reference_are_the_scenes_of_copies() {
-    // A square with holes in four places, of which one is mirrored; another square, shown once; one that is flat and cannot be a reference.
+fn copies_by_reference_equal_copied_meshes() {
+    // A square with holes, in four places, one of them mirrored; another square, shown once; a flat one that
+    // cannot be a reference.
     let (mut json, mut bin) = square([255, 0, 0, 255]);
     let places = add_floats(&mut json, &mut bin, "VEC3", &[0.0, 0.0, 0.0, 1.5, 0.0, 0.5, 0.2, 0.9, -0.5]);
     let sizes = add_floats(&mut json, &mut bin, "VEC3", &[1.0, 1.0, 1.0, -0.7, 2.0, 1.5, 1.0, 0.5, 0.0]);

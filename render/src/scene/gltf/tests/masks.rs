@@ -10,7 +10,7 @@ use super::{
 };
 use crate::scene::{Ray, Scene};
 
-/// Points of a square that see one texel each of 2 x 2, row by row.
+/// Points of a square, one for each of 2 x 2 texels, row by row.
 const POINTS: [[f32; 2]; 4] = [[0.1, 0.2], [0.9, 0.2], [0.1, 0.8], [0.9, 0.8]];
 
 /// A PNG of 2 x 2 red texels of these alphas.
@@ -114,7 +114,7 @@ fn factor_texture_and_vertices_are_multiplied() {
     let colors = add_floats(&mut json, &mut bin, "VEC4", &colors);
     set(&mut json, "/meshes/0/primitives/0/attributes/COLOR_0", json!(colors));
     assert_eq!(opaque(&load(&json, &bin).unwrap()), [true, false, false, false]);
-    // The vertices alone.
+    // Vertex alphas only.
     set(&mut json, "/materials/0/pbrMetallicRoughness", json!({}));
     assert_eq!(opaque(&load(&json, &bin).unwrap()), [true, true, false, false]);
     // Alphas are checked where a mask needs them, and not read elsewhere.
@@ -141,7 +141,7 @@ fn constant_masks_keep_or_remove_their_triangles() {
     }
     set(&mut json, "/materials/0/pbrMetallicRoughness", json!({"baseColorFactor": [1, 1, 1, 0.4]}));
     set(&mut json, "/materials/0/alphaMode", json!("OPAQUE"));
-    // Without a mask neither alpha nor cutoff means anything.
+    // Without a mask, alpha and cutoff have no effect.
     set(&mut json, "/materials/0/alphaCutoff", json!(-7));
     assert_eq!(count(&json), 2);
 }
@@ -174,7 +174,7 @@ fn masks_follow_the_coordinates_of_the_base_color() {
     let moved = json!({"KHR_texture_transform": {"offset": [1, 0], "scale": [-1, 1]}});
     set(&mut json, info, json!({"index": 0, "extensions": moved}));
     assert_eq!(opaque(&load(&json, &bin).unwrap()), [false, true, false, true]);
-    // A set that is not there: the factor alone.
+    // A missing set: only the factor applies.
     set(&mut json, info, json!({"index": 0, "texCoord": 1}));
     assert_eq!(opaque(&load(&json, &bin).unwrap()), [true; 4]);
 }
@@ -187,7 +187,7 @@ fn scenes_without_their_materials_keep_holes() {
     assert_eq!(bare.geometry_hash(), load(&json, &bin).unwrap().geometry_hash());
     assert_eq!(color_at(&bare, 0.1, 0.2), Vec3A::ONE);
 
-    // A mask that is not there: an error, or a warning where materials are not read.
+    // A missing mask is an error, or a warning where materials are not read.
     set(&mut json, "/images", json!([{"uri": "missing.png"}]));
     assert_fails(load(&json, &bin), "missing.png");
     let bare = load_bare(&json, &bin);

@@ -1,4 +1,4 @@
-//! Files made here: a good one in many forms, and every way to break it.
+//! Generated files: a valid one in many forms, and ways to break it.
 
 mod images;
 mod instances;
@@ -125,7 +125,7 @@ fn broken_fields_are_named() {
         ("/meshes/0/primitives/0/attributes/POSITION", json!(1), "accessors[1].type"),
         ("/meshes/0/primitives/0/attributes/NORMAL", json!(2), "accessors[2].type"),
         ("/accessors/0/bufferView", json!(2), "accessors[0].bufferView"),
-        // Zeros, as the specification says; but not without end.
+        // Zeros, as the specification says, but a limited number of them.
         ("/accessors/0/bufferView", Value::Null, ""),
         ("/accessors/0", json!({"componentType": 5126, "count": 5_000_000, "type": "VEC3"}), "accessors[0].bufferView"),
         ("/accessors/0/componentType", json!(5130), "accessors[0].componentType"),
@@ -170,7 +170,7 @@ fn broken_fields_are_named() {
         let (mut json, bin) = triangle();
         set(&mut json, pointer, value.clone());
         if word.is_empty() {
-            // A flattened mesh is not wrong; its triangles are merely dropped.
+            // A flattened mesh is valid; its triangles are dropped.
             assert_eq!(load(&json, &bin).unwrap().triangle_count(), 0, "{pointer}");
         } else {
             assert_fails(load(&json, &bin), word);
@@ -186,7 +186,7 @@ fn cycles_of_several_nodes_are_refused() {
 }
 
 #[test]
-fn positions_that_are_no_numbers_are_refused() {
+fn invalid_positions_are_rejected() {
     for bad in [f32::NAN, f32::INFINITY, -f32::INFINITY, 1e30] {
         let (json, mut bin) = triangle();
         bin[16..20].copy_from_slice(&bad.to_le_bytes());
@@ -195,9 +195,9 @@ fn positions_that_are_no_numbers_are_refused() {
 }
 
 #[test]
-fn instances_cannot_multiply_without_end() {
+fn number_of_elements_is_limited() {
     let (mut json, mut bin) = triangle();
-    // 4 MiB of zeros as indices, in 200 primitives: 210 million triangles' worth from one file of 4 MiB.
+    // 4 Mi indices of one byte in 200 primitives: 280 million triangles from a file of 4 MiB.
     bin.resize(68 + (4 << 20), 0);
     set(&mut json, "/buffers/0/byteLength", json!(bin.len()));
     set(&mut json, "/bufferViews/1", json!({"buffer": 0, "byteOffset": 68, "byteLength": 4 << 20}));
@@ -208,7 +208,7 @@ fn instances_cannot_multiply_without_end() {
 }
 
 #[test]
-fn objects_cannot_multiply_without_end() {
+fn number_of_json_objects_is_limited() {
     let nodes = vec!["{}"; 3 << 20].join(",");
     assert_fails(load_bytes(format!("{{\"asset\": {{}}, \"nodes\": [{nodes}]}}").as_bytes()), "objects");
 }
@@ -244,7 +244,7 @@ fn garbled_files_never_panic() {
         }
         loaded += usize::from(load_bytes(&bytes).is_ok());
     }
-    // Both ends of the loader were reached.
+    // Some files load, and some fail.
     assert!((100..2900).contains(&loaded), "{loaded} of 3000");
 }
 
@@ -281,12 +281,12 @@ fn strips_without_indices_and_deep_hierarchies() {
     set(&mut json, "/nodes", Value::Array(chain));
     let scene = load(&json, &bin).unwrap();
     assert_eq!(scene.triangle_count(), 1);
-    // Without a material: white.
+    // The default material is white.
     assert_eq!(color_at(&scene, 0.2, 0.2), Vec3A::ONE);
 }
 
 #[test]
-fn the_first_perspective_camera_of_the_scene_is_taken() {
+fn first_perspective_camera_of_the_scene_is_selected() {
     let (mut json, bin) = triangle();
     let view = json!({"type": "perspective", "perspective": {"yfov": 0.5, "znear": 0.1}});
     let flat = json!({"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 1, "zfar": 9, "znear": 0}});
@@ -307,7 +307,7 @@ fn the_first_perspective_camera_of_the_scene_is_taken() {
 fn pipes_devices_and_folders_are_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    // Nobody writes to the pipe: opening it would wait for ever.
+    // Nothing writes to the pipe: opening it would block forever.
     assert!(std::process::Command::new("mkfifo").arg(at("scene.glb")).status().unwrap().success());
     assert_fails(Scene::load(&at("scene.glb")), "it is a pipe or a device");
     std::fs::create_dir(at("scene.gltf")).unwrap();

@@ -70,7 +70,7 @@ fn broken_skins_are_refused_by_name() {
 }
 
 #[test]
-fn a_library_of_meshes_is_shown_whole() {
+fn files_without_nodes_show_all_meshes() {
     let (mut json, bin) = triangle();
     let object = json.as_object_mut().unwrap();
     for part in ["nodes", "scenes", "scene"] {

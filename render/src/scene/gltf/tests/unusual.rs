@@ -1,4 +1,4 @@
-//! Files that are valid and unusual: what each means, and what is said of it.
+//! Valid but unusual files: their meaning and their remarks.
 
 use glam::{Vec3, Vec3A};
 use serde_json::{Value, json};
@@ -14,7 +14,7 @@ pub(super) fn warnings(scene: &Scene) -> Vec<&str> {
     scene.remarks().iter().filter(|remark| remark.is_warning()).map(Remark::text).collect()
 }
 
-/// Adds floats as a buffer view and an accessor of a type; the number of the accessor.
+/// Adds floats as a buffer view and an accessor of a type; returns the accessor's index.
 pub(super) fn add_floats(json: &mut Value, bin: &mut Vec<u8>, kind: &str, values: &[f32]) -> usize {
     let components = match kind {
         "VEC2" => 2,
@@ -40,7 +40,7 @@ pub(super) fn corners(scene: &Scene) -> Vec<[Vec3; 3]> {
 }
 
 #[test]
-fn what_is_never_used_makes_no_file_unreadable() {
+fn unused_parts_do_not_make_files_unreadable() {
     let (plain, bin) = triangle();
     let expected = corners(&load(&plain, &bin).unwrap());
     let pointer = json!({"KHR_animation_pointer": {"pointer": "/materials/0/x"}});
@@ -116,7 +116,7 @@ fn scenes_and_cameras_are_chosen_by_name_or_number() {
 #[test]
 fn cameras_roll_and_have_parallel_rays() {
     let (mut json, bin) = triangle();
-    // A quarter turn about the axis of view: what is up in the picture is -x.
+    // A quarter turn about the view axis: up in the image is -x.
     let half = std::f32::consts::FRAC_1_SQRT_2;
     let flat = json!({"type": "orthographic", "orthographic": {"xmag": 1, "ymag": 2, "zfar": 9, "znear": 0}});
     let view = json!({"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}});
@@ -155,7 +155,7 @@ fn vertex_colors_multiply_the_base_color() {
         set(&mut json, "/meshes/0/primitives/0/attributes/COLOR_0", json!(colors));
         assert_eq!(color_at(&load(&json, &bin).unwrap(), 0.2, 0.2), base * Vec3A::X, "{kind}");
     }
-    // They are interpolated, and bytes are shares of 255.
+    // They are interpolated, and bytes are fractions of 255.
     let (mut json, mut bin) = triangle();
     let start = bin.len();
     bin.extend([255, 255, 255, 255, 0, 0, 0, 255, 0, 0, 0, 255]);
@@ -192,7 +192,7 @@ fn texture_coordinates_are_moved() {
     let quarter = json!({"rotation": std::f32::consts::FRAC_PI_2, "offset": [0, 1]});
     assert_eq!(color(quarter.clone(), 0.1, 0.1), Vec3A::Z);
     assert_eq!(color(quarter, 0.85, 0.1), Vec3A::X);
-    // Another set of coordinates, which is not there: the factor alone, with a warning.
+    // A missing set of coordinates: only the factor applies, with a warning.
     assert_eq!(seen(json!({"texCoord": 1}), 0.1, 0.1), (Vec3A::ONE, 1));
 }
 
@@ -256,7 +256,7 @@ fn scenes_far_from_the_origin_keep_their_shape() {
 }
 
 #[test]
-fn broken_normals_are_those_of_the_triangles() {
+fn invalid_normals_are_replaced_by_those_of_triangles() {
     let (mut json, mut bin) = triangle();
     let values = [f32::NAN, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let normals = add_floats(&mut json, &mut bin, "VEC3", &values);
@@ -268,7 +268,7 @@ fn broken_normals_are_those_of_the_triangles() {
 }
 
 #[test]
-fn what_is_left_out_is_named_once() {
+fn ignored_features_are_reported_once() {
     let (mut json, bin) = triangle();
     let lamp = json!({"KHR_lights_punctual": {"light": 0}});
     set(&mut json, "/scenes/0/nodes", json!([0, 1, 2]));
@@ -291,7 +291,7 @@ fn what_is_left_out_is_named_once() {
 }
 
 #[test]
-fn surfaces_that_emit_are_seen_and_light_others() {
+fn emissive_surfaces_are_visible_and_light_others() {
     use crate::{
         environment::built_in,
         integrator::{Budget, View, render},
@@ -344,16 +344,16 @@ fn surfaces_that_emit_are_seen_and_light_others() {
         Vec3A::from_array(render(view, &*estimator, Budget::Spp(1024), points, &stop, &|_| {}).surfaces.pixels[5])
     };
     let lit = |depth| picture(Vec3A::new(0.0, 0.5, 0.0), Vec3A::new(0.01, 1.0, 0.0), depth);
-    // From below, the environment hardly reaches the lamp: what is seen is its own light, red alone.
+    // From below, the environment hardly reaches the lamp: only its own light, which is red, is visible.
     assert!((lit(1).x - 3.0).abs() < 0.2 && lit(1).y < 0.2, "{}", lit(1));
     let floor = |depth| picture(Vec3A::new(0.0, 0.5, 0.0), Vec3A::new(0.01, 0.0, 0.0), depth);
     let added = floor(2).x - floor(1).x;
-    // The floor sees nothing but the lamp, and reflects about half of its light.
+    // Only the lamp lights the floor, which reflects about 50 % of its light.
     assert!((1.2..2.1).contains(&added), "{added}");
 }
 
 #[test]
-fn textures_that_cannot_be_read_are_left_out_where_the_file_says_so() {
+fn textures_in_unsupported_formats_are_ignored_with_a_warning() {
     let (plain, bin) = super::images::textured(&json!({"bufferView": 2}));
     let webp = json!({"EXT_texture_webp": {"source": 0}});
     for (texture, image, word) in [
@@ -368,7 +368,7 @@ fn textures_that_cannot_be_read_are_left_out_where_the_file_says_so() {
         assert_eq!(color_at(&scene, 0.1, 0.1), Vec3A::ONE);
         assert!(warnings(&scene).iter().any(|text| text.contains(word)), "{word} in {:?}", warnings(&scene));
     }
-    // Where other materials take their place, textures are not looked for.
+    // Textures are not read where other materials replace them.
     let mut json = plain;
     set(&mut json, "/images", json!([{"uri": "missing.png"}]));
     let folder = tempfile::tempdir().unwrap();
