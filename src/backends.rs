@@ -63,7 +63,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     config.brdf_samples = samples - config.strata * config.strata;
     ensure!(
         config.brdf_samples == 0 || arguments.preset.config().brdf_samples > 0,
-        "--samples {samples} is no square, and the target of {} has no BRDF samples to fill up with",
+        "--samples {samples} is not a square number, and the target of {} has no BRDF samples to fill up with",
         arguments.preset
     );
     config.head.mode = arguments.mode.unwrap_or(config.head.mode);

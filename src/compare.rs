@@ -36,8 +36,8 @@ use crate::{
   headtail compare --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --crop 200,150,240,180 --samplers mis,patches --spp 16 --out out/crop
 
 Errors are measured over the pixels that surfaces cover entirely: what the camera sees of the environment is the same for \
-every sampler. The results are brought up to date after every run, so whatever ends the program leaves those of all runs that were \
-done. Ctrl-C ends it after the picture that is being rendered, with exit status 130; a second one at once.")]
+every sampler. Results are written after every run, so that an interruption loses one run at most. Ctrl-C ends the program after the \
+current picture, with exit status 130; a second one ends it at once.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,

@@ -28,7 +28,7 @@ DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_sh
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
 There are shaders of tables and heads over every tail, of patches, and of heads over them.")]
 pub struct Arguments {
-    /// Table of `bake`, head of `fit`, or patches[:fine], which need --env.
+    /// Table of `bake`, head of `fit`, or patches or patches:fine, which need --env.
     #[arg(value_name = "FILE|patches", value_parser = given::<String>())]
     sampler: String,
     /// Map of patches, or the map that FILE must be for.

@@ -31,8 +31,8 @@ const PATHS: u32 = 256;
   headtail render --scene cloth --material neural:out/satin.safetensors,repeat=24 --env studio --out out/cloth.exr
 
 Sources: welt (a rough striped weave), satin (metallic threads), velvet (pressed, glossy pile), jersey (a plain knit of
-wool), lacquer (a clear coat over a diffuse pattern), anodized (a tinted coat over brushed metal). A command that was
-interrupted goes on where it was when it is given again; what it needs for that is beside the file, in FILE.state.")]
+wool), lacquer (a clear coat over a diffuse pattern), anodized (a tinted coat over brushed metal). After an
+interruption, the same command continues from FILE.state.")]
 pub struct Arguments {
     /// Source: welt, satin, velvet, jersey, lacquer or anodized.
     #[arg(long, value_name = "NAME")]

@@ -34,7 +34,7 @@ const DIRECTIONS: usize = 2048;
 
 Kinds: lobes (NeuSample's two Gaussians and a cosine lobe) and flow (NeuSample's splines) are rendered as neusample:FILE or \
 neusample+emitter:FILE, reparam (a reparameterising network) as reparam:FILE or reparam+emitter:FILE. A file holds a sampler for each material. \
-A command that was interrupted goes on where it was when it is given again; what it needs for that is beside the file, in FILE.state.")]
+After an interruption, the same command continues from FILE.state.")]
 pub struct Arguments {
     /// Sampler: lobes, flow or reparam.
     #[arg(long, value_name = "KIND")]

@@ -142,7 +142,7 @@ fn remarks_of(remarks: &[Remark]) -> impl Iterator<Item = (String, Value)> {
 fn visibility(path: &Path) -> Result<Facts> {
     let visibility = SceneVisibility::read(path)?;
     let facts = [
-        fact("file", "what is seen of the sky in a scene"),
+        fact("file", "learned visibility of a scene"),
         fact("render with", format!("--sampler patches+vis:{}", path.display())),
         fact("cells", visibility.cells()),
         fact("shadow rays", visibility.rays()),

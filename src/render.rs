@@ -41,7 +41,7 @@ use crate::{
   headtail render --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --sampler patches --spp 64 --crop 200,150,240,180 --aovs --out out/crop.exr
   headtail render --scene dishes --env sunset --sampler head+mis:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
 
-Ctrl-C writes what there is.")]
+Ctrl-C writes the picture so far.")]
 pub struct Arguments {
     #[command(flatten)]
     view: ViewArguments,
@@ -141,9 +141,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "visibility: {} cells, {megabytes:.1} MB, {}",
             learned.cells,
             if learned.pays {
-                format!("foreseen to gain {:.2}, {unknown:.1} % of samples where nothing was known", learned.gain)
+                format!("predicted gain {:.2}, {unknown:.1} % of samples outside of cells", learned.gain)
             } else {
-                format!("not drawn with: foreseen to gain {:.2}, less than that takes", learned.gain)
+                format!("not used: the predicted gain of {:.2} is below the cost", learned.gain)
             }
         );
     }

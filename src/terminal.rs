@@ -177,8 +177,8 @@ fn in_words(text: &str) -> String {
     const WORDS: [(&str, &str); 16] = [
         ("number too large to fit in target type", "the number is too large"),
         ("number too small to fit in target type", "the number is too small"),
-        ("invalid digit found in string", "it is no whole number"),
-        ("invalid float literal", "it is no number"),
+        ("invalid digit found in string", "not a whole number"),
+        ("invalid float literal", "not a number"),
         ("cannot parse integer from empty string", "it is empty"),
         ("cannot parse float from empty string", "it is empty"),
         ("expected usize", "expected a whole number"),

@@ -28,7 +28,7 @@ use crate::terminal::say;
 
 The camera stands --eye-height above the ground, and the origin of the world is on the ground in the lower middle of the picture, where \
 composite puts objects. The .fspy file has Z up, as Blender's importer expects it. The PNG is sRGB without a tone curve, so that it is \
-light that composite can read back; what is too bright for it is clipped.")]
+light that composite can read back; brighter values are clipped.")]
 pub struct Arguments {
     /// Built-in environment or .hdr or .exr map.
     /// Built-in: overcast, window, studio, sunset.

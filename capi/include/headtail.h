@@ -56,8 +56,7 @@ const char *headtail_last_error(void);
 //
 // # Safety
 // `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.
-HeadtailStatus headtail_environment_open(const char *name,
-                                         HeadtailHandle *out);
+HeadtailStatus headtail_environment_open(const char *name, HeadtailHandle *out);
 
 // Creates an environment from linear Rec.709 radiance, three floats per texel, rows from the top.
 //
@@ -73,9 +72,7 @@ HeadtailStatus headtail_environment_from_texels(uintptr_t width,
 //
 // # Safety
 // `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
-HeadtailStatus headtail_sampler_from_spec(const char *spec,
-                                          HeadtailHandle environment,
-                                          HeadtailHandle *out);
+HeadtailStatus headtail_sampler_from_spec(const char *spec, HeadtailHandle environment, HeadtailHandle *out);
 
 // Opens a sampler's file for the environment that it was built for.
 //
@@ -88,10 +85,7 @@ HeadtailStatus headtail_sampler_open(const char *path, HeadtailHandle environmen
 //
 // # Safety
 // `buffer` is NULL or has room for `capacity` bytes; `length` is NULL or may be written to.
-HeadtailStatus headtail_sampler_describe(HeadtailHandle sampler,
-                                         char *buffer,
-                                         uintptr_t capacity,
-                                         uintptr_t *length);
+HeadtailStatus headtail_sampler_describe(HeadtailHandle sampler, char *buffer, uintptr_t capacity, uintptr_t *length);
 
 // Samples a direction for each of `count` points. `u` holds two uniform numbers in [0, 1) per point; if it
 // is NULL, random numbers are generated from `seed`. `wi` receives three floats per point, `pdf` one,

@@ -191,7 +191,7 @@ def test_unsupported_scenes_are_rejected(variant, tmp_path):
         ({"type": "headtail_direct"}, other, "has 2 emitters"),
         ({"type": "headtail_direct", "file": str(tmp_path / "window.safetensors")}, {}, "made for the environment 'window'"),
         ({"type": "headtail_direct", "file": str(tmp_path / "none")}, {}, "No such file"),
-        ({"type": "headtail_direct"}, stretched, "is no rotation"),
+        ({"type": "headtail_direct"}, stretched, "is not a rotation"),
     ]:
         with pytest.raises(Exception) as raised:
             mi.render(scene("diffuse", integrator, **more), spp=1)

@@ -370,7 +370,7 @@ fn hostile_files_are_rejected_with_an_error() {
     let mut bytes = good.clone();
     bytes[..8].copy_from_slice(&u64::MAX.to_le_bytes());
     fs::write(at("header.safetensors"), &bytes).unwrap();
-    says(&spec("header.safetensors#odd"), "no file of materials");
+    says(&spec("header.safetensors#odd"), "not a file of materials");
     let replaced = |from: &str, to: &str, word: &str| {
         let text: Vec<u8> = good.clone();
         let found = text.windows(from.len()).position(|window| window == from.as_bytes()).unwrap();

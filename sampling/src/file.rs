@@ -51,7 +51,7 @@ const LARGEST_TEXT: u64 = 1 << 26;
 /// # Errors
 /// As [`read`], or if it is not UTF-8.
 pub fn read_text(path: &Path) -> std::io::Result<String> {
-    String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| IoError::other("it is no text: not UTF-8"))
+    String::from_utf8(read(path, LARGEST_TEXT)?).map_err(|_| IoError::other("not UTF-8 text"))
 }
 
 /// Returns the path that writing to `path` creates or replaces: symbolic links are followed, dangling

@@ -38,9 +38,9 @@ use headtail_render::scene::MaterialSpec;
   headtail autosize --env room.hdr --scene temple --out out/room
   headtail autosize --env sky.exr --scene spot.glb --ground --material ggx:alpha=0.2 --prepare-seconds 60 --render-seconds 600 --out out/sky
 
-Candidates go from cheap to dear: BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes, one of them over patches; \
-of the best of them also forms that draw several directions or learn what is visible. Each gets as little work as decides. The error that counts is that after --render-seconds, of which the preparation is a part: a head that is trained for 20 s must earn them. \
-A head is only trained if one that were perfect, at the time that its samples take, would win. DIR/autosize.html shows the choice; \
+Candidates, in the order of their cost, are BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes, one of them over patches; \
+the best are also tried with several directions per point or learned visibility. Each is measured until it is decided. Errors are those after --render-seconds, preparation included. \
+A head is trained only if a perfect head with its sampling time would win. DIR/autosize.html shows the choice; \
 DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
 pub struct Arguments {
     /// Built-in environment (overcast, window, studio, sunset) or map.

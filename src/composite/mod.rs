@@ -41,7 +41,7 @@ pub use setting::Setting;
 
 DIR holds composite.png, composite.exr, layers.exr (layers object with alpha, shadow, light, photograph, for Nuke, Blender or Natron: \
 object + (1 - object.A) (photograph x shadow + light)), mask.png, and composite.html with before and after under a slider. \
-Ctrl-C writes what there is.")]
+Ctrl-C writes the picture so far.")]
 pub struct Arguments {
     /// Photograph. Default: the one in the .fspy file.
     /// OpenEXR or Radiance in the map's units, or PNG or JPEG.

@@ -40,7 +40,7 @@ impl OutputFile {
         make_folder(&folder_of(path))?;
         let target = file::target(path)?;
         let cannot = || format!("{}: it cannot be written", path.display());
-        let Some(name) = target.file_name() else { bail!("{}: it is no name of a file", path.display()) };
+        let Some(name) = target.file_name() else { bail!("{}: not the name of a file", path.display()) };
         let mut lock_name = OsString::from(".");
         lock_name.push(name);
         lock_name.push(".lock");

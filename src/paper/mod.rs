@@ -73,8 +73,8 @@ use crate::{
   headtail paper --data maps --only catcher --json --out out/paper
   headtail paper --data maps --out out/paper
 
---quick takes under ten minutes on two cores; without it, hours are usual, and it is said beforehand about how many. Whatever ends the program, the same command \
-goes on where it was: heads and finished parts of sections are kept in DIR/heads and DIR/sections, the page shows those that are done. Without --data, maps and scenes are the \
+--quick takes under ten minutes on two cores; without it, expect hours; the estimate is printed first. After an interruption the same command \
+continues: heads and finished parts of sections are kept in DIR/heads and DIR/sections. Without --data, maps and scenes are the \
 built-in ones. Of --data the folders envmaps (.hdr, .exr), scenes (.glb, .gltf), nbrdf (nbrdf_all.f32) and materials (welt, satin and velvet.safetensors; else those of ./checkpoints) are used.")]
 pub struct Arguments {
     /// Read maps and scenes from this folder.

@@ -133,7 +133,7 @@ impl RunTable {
     /// Returns the preset that the table names, if there is one.
     ///
     /// # Errors
-    /// If there is no preset of that name.
+    /// If there is not a preset of that name.
     pub fn preset(&self) -> Result<Option<Preset>> {
         let preset = self.keys.preset.as_deref().map(str::parse).transpose();
         preset.map_err(|reason: String| anyhow!("{}: {reason}", self.name))
@@ -318,7 +318,7 @@ mod tests {
             ("env = 'studio'\n[[measure.views]]\nscene = 'sphere'", "spp or seconds"),
             ("env = 'studio'\n[[measure.views]]\nscene = 'sphere'\nsp = 4", "`measure.views.sp`"),
             ("env = 'studio'\n[export]\nfiles = true", "files"),
-            ("env = 'studio'\npreset = 'best'", "'best' is no preset"),
+            ("env = 'studio'\npreset = 'best'", "'best' is not a preset"),
             ("env = 'studio'\n[viewpoints]\nscene = 'sphere'\nlook_at = [0.0, 0.0, 0.0]", "come together"),
             ("env = 'studio'\n[viewpoints]\nscene = 'sphere'\nwidth = 0", "viewpoints.width = 0"),
         ] {

@@ -36,7 +36,7 @@ use regime::Regime;
   headtail stability --quick --only sun --json --out out/sun
   headtail stability --maps maps --out out/stability
 
-Whatever ends the program, the same command goes on with the regimes that are missing. --quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
+After an interruption, the same command continues with the missing regimes. --quick takes about two minutes on two cores, the whole suite about ten. Regimes of real maps need spiaggia_di_mondello_1k.hdr \
 and noon_grass_1k.hdr (from polyhaven.com) in the folder of --maps; all others are made by code.")]
 pub struct Arguments {
     /// Write the results to this folder.

@@ -24,7 +24,7 @@ use crate::{output::OutputFile, progress};
   headtail sweep report space.toml
 
 The file is described in docs/sweeps.md. Results go to the folder space.sweep beside space.toml, unless --out names another. Running a sweep again \
-does what is missing and nothing twice; after a kill, trials go on from their last checkpoint.")]
+runs the missing trials only; interrupted trials continue from their last checkpoint.")]
 pub struct Arguments {
     #[command(subcommand)]
     action: Action,

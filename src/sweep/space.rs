@@ -73,7 +73,7 @@ impl TryFrom<String> for Objective {
             return Ok(Self(text));
         }
         let plain = Self::PLAIN.join(", ");
-        Err(format!("'{text}' is no objective: there are {plain}, mse:VIEW and mse_at_time:VIEW"))
+        Err(format!("'{text}' is not an objective; choose {plain}, mse:VIEW and mse_at_time:VIEW"))
     }
 }
 
@@ -199,7 +199,7 @@ impl Space {
         ensure!(!objectives.is_empty(), "objectives: name at least one");
         for name in &aggregate.over {
             let axis = axes.iter().find(|axis| axis.key == *name);
-            let axis = axis.with_context(|| format!("aggregate.over: '{name}' is no axis"))?;
+            let axis = axis.with_context(|| format!("aggregate.over: '{name}' is not an axis"))?;
             ensure!(
                 axis.grid().is_ok() && axis.when.is_empty(),
                 "aggregate.over: '{name}' must be a list without `when`"
@@ -317,7 +317,7 @@ fn set(table: &mut Table, key: &str, value: Value) -> Result<()> {
         }
         Some((first, rest)) => {
             let inner = table.entry(first).or_insert_with(|| Value::Table(Table::new()));
-            let inner = inner.as_table_mut().with_context(|| format!("the key `{key}`: `{first}` is no table"))?;
+            let inner = inner.as_table_mut().with_context(|| format!("the key `{key}`: `{first}` is not a table"))?;
             set(inner, rest, value)
         }
     }
@@ -336,13 +336,13 @@ mod tests {
     #[test]
     fn errors_name_the_wrong_key_or_value() {
         for (text, named) in [
-            ("objectives = ['speed']\n[run]\n[axes]\n", "'speed' is no objective"),
+            ("objectives = ['speed']\n[run]\n[axes]\n", "'speed' is not an objective"),
             ("objectives = []\n[run]\n[axes]\n", "at least one"),
             ("objectives = ['mse:ball']\n[run]\n[axes]\n", "'ball'"),
             (&format!("{SMALL}[axes]\nsteps = {{ log = [1, 9] }}\n"), "points"),
             (&format!("{SMALL}[axes]\nsteps = []\n"), "`steps`"),
             (&format!("{SMALL}[axes]\nsteps = {{ log = [0, 9] }}\n"), "`steps`"),
-            (&format!("{SMALL}[axes]\n[aggregate]\nover = ['seed']\n"), "'seed' is no axis"),
+            (&format!("{SMALL}[axes]\n[aggregate]\nover = ['seed']\n"), "'seed' is not an axis"),
             (&format!("{SMALL}[axes]\n[search]\nmethod = 'random'\n"), "search.n"),
             (&format!("{SMALL}[axes]\n[halving]\nrungs = [9, 3]\n"), "ascending"),
             (&format!("{SMALL}[axes]\nsteps = [1]\n[halving]\nrungs = [3, 9]\n"), "`steps`"),

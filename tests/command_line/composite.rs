@@ -149,7 +149,7 @@ fn invalid_projects_and_pictures_are_rejected() {
     refused("null.fspy", &null, "the vanishing points give no camera");
     refused("empty.fspy", b"", "first bytes");
     let message = fail(path, "composite --photo shot.fspy --camera shot.fspy --env window --scene sphere --out out");
-    assert!(message.contains("no OpenEXR, Radiance, PNG or JPEG"), "{message}");
+    assert!(message.contains("not an OpenEXR, Radiance, PNG or JPEG"), "{message}");
     let message = fail(path, &format!("{command} missing.fspy"));
     assert!(message.contains("missing.fspy"), "{message}");
     let mut narrow = FspyProject::decode(&good, UpAxis::Z).unwrap();

@@ -238,7 +238,7 @@ fn shell_completions_are_generated() {
 fn errors_contain_no_type_names() {
     let here = folder();
     let path = here.path();
-    assert!(refuse(path, &format!("{VIEW} --seed x --out a.exr")).contains("it is no whole number"));
+    assert!(refuse(path, &format!("{VIEW} --seed x --out a.exr")).contains("not a whole number"));
     let said = fail(path, "fit --env studio --material lambert --set steps=[1] --out a");
     assert!(said.contains("whole number") && !said.contains("usize"), "{said}");
     let map = Image { width: 2, height: 2, pixels: vec![[f32::NAN; 3]; 4] };

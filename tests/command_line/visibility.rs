@@ -44,7 +44,7 @@ fn visibility_errors_are_one_line() {
         (VIEW.replace("window", "studio") + " --sampler patches+vis:seen --spp 1 --out x.exr", "another map, window"),
         (format!("{VIEW} --ground --sampler patches+vis:seen --spp 1 --out x.exr"), "in another scene"),
         (format!("inspect seen --visibility {VIEW} --pixel 64,0 --out x.svg"), "the picture has 64 x 48 pixels"),
-        ("inspect seen --out x.svg".to_owned(), "no sampler"),
+        ("inspect seen --out x.svg".to_owned(), "not a sampler"),
     ] {
         let command = if command.starts_with("--") { format!("render {command}") } else { command };
         let error = fail(at, &command);

@@ -69,7 +69,7 @@ impl FromStr for Preset {
     fn from_str(text: &str) -> Result<Self, String> {
         Self::ALL.into_iter().find(|preset| preset.name() == text).ok_or_else(|| {
             let names = Self::ALL.map(Self::name).join(", ");
-            format!("'{text}' is no preset: there are {names}")
+            format!("'{text}' is not a preset; choose one of {names}")
         })
     }
 }

@@ -86,7 +86,7 @@ class Light:
         self.to_map = self.to_world.inverse()
         axes = np.array(self.to_world.matrix).reshape(4, 4)[:3, :3]
         if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-4):
-            raise HeadtailError("environment: its to_world is no rotation")
+            raise HeadtailError("environment: its to_world is not a rotation")
         map = environment_of(environment)
         if map is None:
             self.product = None

@@ -36,7 +36,7 @@ impl Photograph {
         if !(magic.starts_with(b"\x89PNG") || magic.starts_with(b"\xff\xd8")) {
             return read_radiance(path).map(Self::of_radiance).map_err(|error| match error {
                 Error::Invalid { path, field, reason } if field == "first bytes" && !reason.contains("empty") => {
-                    Error::Invalid { path, field, reason: "the file is no OpenEXR, Radiance, PNG or JPEG image".into() }
+                    Error::Invalid { path, field, reason: "not an OpenEXR, Radiance, PNG or JPEG image".into() }
                 }
                 other => other,
             });

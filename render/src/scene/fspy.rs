@@ -212,7 +212,7 @@ impl Parameters {
     fn camera(&self, up: UpAxis) -> Result<Camera> {
         let (width, height) = (self.image_width, self.image_height);
         if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
-            let reason = format!("{width} x {height} is no size of an image");
+            let reason = format!("{width} x {height} is not the size of an image");
             return Err(Error::argument("cameraParameters.imageWidth", reason));
         }
         // `horizontalFieldOfView` is that of the longer side.

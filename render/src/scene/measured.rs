@@ -24,7 +24,7 @@ pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), S
     }
     let names: Vec<String> = names.into_iter().flat_map(|names| names.split(',')).map(str::to_owned).collect();
     if names.iter().any(String::is_empty) {
-        return Err("'' is no name of a material".into());
+        return Err("'' is not the name of a material".into());
     }
     Ok((path_of(file), names))
 }

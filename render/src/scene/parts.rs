@@ -73,7 +73,7 @@ impl Scene {
     /// When `normal` has no direction or the square reaches beyond [`MAX_COORDINATE`].
     pub fn square(center: Vec3A, normal: Vec3A, width: f32) -> Result<Self> {
         let Some(n) = normal.try_normalize() else {
-            return Err(Error::argument("plane", format!("{normal} is no normal")));
+            return Err(Error::argument("plane", format!("{normal} is not a normal")));
         };
         let (a, b) = n.any_orthonormal_pair();
         // Counter-clockwise as seen from the side of the normal.

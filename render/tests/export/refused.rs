@@ -212,10 +212,10 @@ fn extreme_weights_never_panic() {
 #[test]
 fn files_other_than_samplers_are_refused() {
     let folder = Folder::new();
-    assert!(folder.refused(b"").contains("no sampler written by headtail"));
-    assert!(folder.refused(b"# a text file\nwith two lines\n").contains("no sampler written by headtail"));
-    assert!(folder.refused(&[0; 4096]).contains("no sampler written by headtail"));
-    assert!(folder.refused(&[0xFF; 4096]).contains("no sampler written by headtail"));
+    assert!(folder.refused(b"").contains("not a sampler written by headtail"));
+    assert!(folder.refused(b"# a text file\nwith two lines\n").contains("not a sampler written by headtail"));
+    assert!(folder.refused(&[0; 4096]).contains("not a sampler written by headtail"));
+    assert!(folder.refused(&[0xFF; 4096]).contains("not a sampler written by headtail"));
     // JSON nested deep enough to exhaust a recursive parser's stack.
     let deep = format!("{{\"a\":{}", "[".repeat(200_000));
     assert!(folder.refused(&[&(deep.len() as u64).to_le_bytes(), deep.as_bytes()].concat()).contains("header"));

@@ -57,9 +57,9 @@ fn precomputed_visibility_is_used_if_it_pays_or_on_request() {
             (setting.render(&SamplerSpec::patches(), 16, 3), render(&informed), render(&informed.clone().always()));
         assert_eq!(bits(&plain.surfaces) == bits(&informed.surfaces), !pays);
         assert_eq!(bits(&informed.surfaces) == bits(&always.surfaces), pays);
-        let [foreseen, asked] = [informed, always].map(|rendering| rendering.learned.unwrap());
-        assert!(foreseen.pays == pays && asked.pays, "{foreseen:?}, {asked:?}");
-        assert!((foreseen.gain > 1.2) == pays && (foreseen.gain >= 1.0), "{foreseen:?}");
+        let [predicted, forced] = [informed, always].map(|rendering| rendering.learned.unwrap());
+        assert!(predicted.pays == pays && forced.pays, "{predicted:?}, {forced:?}");
+        assert!((predicted.gain > 1.2) == pays && (predicted.gain >= 1.0), "{predicted:?}");
     }
 }
 

@@ -29,10 +29,10 @@ impl ExportedSampler {
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let reason =
-            |error: String| Error::invalid(path, "header", format!("this is no sampler written by headtail ({error})"));
+            |error: String| Error::invalid(path, "header", format!("not a sampler written by headtail ({error})"));
         let (metadata, tensors) = tensor_file::open(&bytes).map_err(reason)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail")).ok_or_else(|| {
-            Error::invalid(path, "metadata 'headtail'", "is missing: this is no sampler written by headtail")
+            Error::invalid(path, "metadata 'headtail'", "is missing: not a sampler written by headtail")
         })?;
         let description = describe(path, text)?;
         let sampler = Tensors { path, tensors, used: Vec::new() }.assemble(description)?;

@@ -211,7 +211,7 @@ fn check_headers(path: &Path, headers: &[Header], file_size: u64) -> Result<()> 
         let pixels = header.layer_size.width() as u64 * header.layer_size.height() as u64;
         let bytes = pixels.saturating_mul(header.channels.bytes_per_pixel as u64).max(block_bytes.unwrap_or(0) as u64);
         if bytes > most {
-            let reason = format!("pixels of {bytes} bytes are promised by a file of {file_size}");
+            let reason = format!("the header declares {bytes} bytes of pixels in a file of {file_size}");
             return Err(Error::invalid(path, "dataWindow", reason));
         }
         blocks = blocks.saturating_add(header.chunk_count);

@@ -45,7 +45,7 @@ impl Primaries {
         matrix.filter(DMat3::is_finite).map(Some).ok_or_else(|| {
             let [[rx, ry], [gx, gy], [bx, by]] = self.colors;
             let [wx, wy] = self.white;
-            format!("{rx},{ry} {gx},{gy} {bx},{by} with white {wx},{wy} are no primaries")
+            format!("{rx},{ry} {gx},{gy} {bx},{by} with white {wx},{wy} are not valid primaries")
         })
     }
 
@@ -133,7 +133,7 @@ mod tests {
     #[test]
     fn collinear_primaries_are_rejected() {
         let line = Primaries { colors: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]], ..Primaries::REC_709 };
-        assert!(line.to_rec_709().unwrap_err().contains("no primaries"));
+        assert!(line.to_rec_709().unwrap_err().contains("not valid primaries"));
         for white in [[0.3, 0.0], [f64::NAN, 0.3]] {
             assert!(Primaries { white, ..ACES_CG }.to_rec_709().is_err());
         }

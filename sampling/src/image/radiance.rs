@@ -189,7 +189,10 @@ impl Resolution {
     /// Parses `-Y 512 +X 1024` or one of the other seven forms.
     fn parse(line: &str) -> std::result::Result<Self, String> {
         let wrong = || {
-            format!("'{}' is no size such as -Y 512 +X 1024", line.chars().take(60).collect::<String>().escape_debug())
+            format!(
+                "'{}' is not a size; expected one such as -Y 512 +X 1024",
+                line.chars().take(60).collect::<String>().escape_debug()
+            )
         };
         let words: Vec<&str> = line.split_whitespace().collect();
         let &[outer, lines, inner, length] = &words[..] else { return Err(wrong()) };

@@ -58,7 +58,7 @@ impl FromStr for PointSet {
             _ => Err(Error::argument(
                 text,
                 format!(
-                    "no points are called so: choose sobol, independent, or zsobol:N with a power of two up to {most}"
+                    "unknown kind of points; choose sobol, independent, or zsobol:N with a power of two up to {most}"
                 ),
             )),
         }

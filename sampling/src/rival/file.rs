@@ -73,7 +73,7 @@ impl RivalFile {
     /// As [`Self::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
         let none =
-            |reason: String| Error::invalid(path, "header", format!("this is no sampler of materials ({reason})"));
+            |reason: String| Error::invalid(path, "header", format!("not a file of samplers of materials ({reason})"));
         let (metadata, tensors) = tensor_file::open(bytes).map_err(none)?;
         let field = "metadata 'headtail-rival'";
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-rival"));
@@ -97,7 +97,7 @@ impl RivalFile {
         let mut rivals = Vec::with_capacity(materials.len());
         for (index, Material { name, identity }) in materials.into_iter().enumerate() {
             let identity = blake3::Hash::from_hex(identity.as_bytes())
-                .map_err(|_| Error::invalid(path, "identity", "is no hash of a material in hexadecimal"))?;
+                .map_err(|_| Error::invalid(path, "identity", "is not a hexadecimal hash of a material"))?;
             let layers_of = |(part, sizes): &(&str, &[usize])| -> Result<Vec<Linear>> {
                 (0..sizes.len() - 1)
                     .map(|layer| read_layer(path, &tensors, &format!("{index}.{part}.linear{layer}")))

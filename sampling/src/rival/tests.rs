@@ -197,7 +197,7 @@ fn invalid_metadata_is_rejected() {
         (&|d| d["materials"] = serde_json::json!([]), "there are 0"),
         (&|d| d["materials"] = vec![wool(d); 257].into(), "there are 257"),
         (&|d| d["materials"][0] = wool(d), "twice"),
-        (&|d| d["materials"][0]["identity"] = "f00".into(), "no hash"),
+        (&|d| d["materials"][0]["identity"] = "f00".into(), "hexadecimal hash"),
     ];
     for (change, words) in cases {
         let error = read(change).unwrap_err();

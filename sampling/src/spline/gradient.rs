@@ -195,7 +195,7 @@ struct Rows<'a, R> {
 impl<R> Rows<'_, R> {
     #[inline(always)]
     fn row<const L: usize>(&mut self, k: usize) -> &mut [R; L] {
-        self.values[k * self.stride + self.first..].first_chunk_mut().expect("as many columns as lanes")
+        self.values[k * self.stride + self.first..].first_chunk_mut().expect("one column per lane")
     }
 
     #[inline(always)]

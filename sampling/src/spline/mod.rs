@@ -79,7 +79,7 @@ impl<'a, R> Logits<'a, R> {
 
     #[inline(always)]
     fn row<const L: usize>(&self, k: usize) -> &'a [R; L] {
-        self.values[k * self.stride + self.first..].first_chunk().expect("as many columns as lanes")
+        self.values[k * self.stride + self.first..].first_chunk().expect("one column per lane")
     }
 }
 
@@ -322,7 +322,7 @@ fn locate_part<R: Real, const L: usize, const P: usize>(
 /// Returns `P` numbers from `first` on.
 #[inline(always)]
 fn part<R, const P: usize>(numbers: &[R], first: usize) -> &[R; P] {
-    numbers[first..].first_chunk().expect("as many numbers")
+    numbers[first..].first_chunk().expect("enough numbers")
 }
 
 /// Returns the knot at the right of a bin: on the circle, the last is the first.

@@ -87,8 +87,7 @@ impl SceneVisibility {
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = file::read(path, LARGEST_FILE).map_err(|error| Error::io(path, error))?;
         let invalid = |field: &str, reason: String| Error::invalid(path, field, reason);
-        let foreign =
-            |reason: String| invalid("header", format!("this is no visibility written by headtail ({reason})"));
+        let foreign = |reason: String| invalid("header", format!("not visibility written by headtail ({reason})"));
         let (metadata, tensors) = tensor_file::open(&bytes).map_err(foreign)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get(ENTRY));
         let text = text.ok_or_else(|| foreign(format!("metadata '{ENTRY}' is missing")))?;
@@ -99,7 +98,7 @@ impl SceneVisibility {
         }
         let (eye, angle) = (Vec3A::from(description.eye), description.angle);
         if !(eye.is_finite() && angle > 0.0 && angle.is_finite()) {
-            return Err(invalid("eye and angle", "are no position and no positive angle".to_owned()));
+            return Err(invalid("eye and angle", "are not a position and a positive angle".to_owned()));
         }
         let take = |name: &str, dtype, rest: &[usize]| {
             let view = tensors.tensor(name).map_err(|error| invalid(&format!("tensor '{name}'"), error.to_string()))?;

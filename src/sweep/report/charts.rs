@@ -37,7 +37,7 @@ pub fn to_be_had(objectives: &[String], configurations: &[Configuration]) -> Mar
     html! {
         @if !configurations.is_empty() {
             section {
-                h2 { "What is to be had" }
+                h2 { "Trade-offs" }
                 div.controls { label {
                     "show "
                     select #pair {
@@ -185,7 +185,7 @@ pub fn trials() -> Markup {
             p.note #filter-note { "Words that a row must have; NAME=VALUE, NAME<NUMBER and NAME>NUMBER compare a column." }
             div.scroll tabindex="0" role="region" aria-label="Trials" { table #trials { thead {} tbody {} } }
             p { button #more type="button" hidden { "Show more" } }
-            p.save { "Save what is shown " button #save-tex type="button" { "TEX" } " " button #save-csv type="button" { "CSV" } }
+            p.save { "Save this chart: " button #save-tex type="button" { "TEX" } " " button #save-csv type="button" { "CSV" } }
         }
     }
 }

@@ -90,7 +90,7 @@ impl FromStr for FlowSize {
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         let known = Self::ALL.into_iter().find(|size| size.name() == text);
-        known.ok_or_else(|| format!("'{text}' is no size of a flow: there are small, medium and paper"))
+        known.ok_or_else(|| format!("'{text}' is not a size of flow tails; choose small, medium or paper"))
     }
 }
 

@@ -74,7 +74,7 @@ fn check_names(path: &Path, names: &[String]) -> Result<()> {
     // Commas and number signs are syntax of material specifications.
     let is_bad = |name: &&String| name.is_empty() || name.contains([',', '#']) || name.chars().any(char::is_control);
     match names.iter().find(is_bad) {
-        Some(name) => Err(Error::invalid(path, "names", format!("{name:?} is no name of a material"))),
+        Some(name) => Err(Error::invalid(path, "names", format!("{name:?} is not the name of a material"))),
         None => Ok(()),
     }
 }
@@ -87,7 +87,7 @@ pub fn names_file(path: &Path) -> PathBuf {
 fn read_raw(path: &Path) -> Result<Vec<(String, Network)>> {
     let bytes = read_bounded(path)?;
     if bytes.is_empty() || bytes.len() % (4 * RAW_ROW) != 0 {
-        let reason = format!("{} bytes are no whole number of rows of {RAW_ROW} numbers (f32)", bytes.len());
+        let reason = format!("{} bytes are not a whole number of rows of {RAW_ROW} numbers (f32)", bytes.len());
         return Err(Error::invalid(path, "size", reason));
     }
     let listed = names_file(path);
@@ -131,12 +131,12 @@ fn network(path: &Path, name: &str, layers: Vec<Linear>) -> Result<Network> {
 fn read_safetensors(path: &Path) -> Result<Vec<(String, Network)>> {
     let bytes = read_bounded(path)?;
     let reason = |error: String| {
-        Error::invalid(path, "header", format!("this is no file of materials written by headtail ({error})"))
+        Error::invalid(path, "header", format!("not a file of materials written by headtail ({error})"))
     };
     let (metadata, tensors) = tensor_file::open(&bytes).map_err(reason)?;
     let field = "metadata 'headtail-materials'";
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail-materials"));
-    let text = text.ok_or_else(|| Error::invalid(path, field, "is missing: this is no file of materials"))?;
+    let text = text.ok_or_else(|| Error::invalid(path, field, "is missing: not a file of materials"))?;
     let invalid = |error: serde_json::Error| Error::invalid(path, field, error.to_string());
     let value: serde_json::Value = serde_json::from_str(text).map_err(invalid)?;
     let version = value.get("format_version").and_then(serde_json::Value::as_u64);

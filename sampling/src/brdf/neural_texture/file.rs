@@ -72,8 +72,7 @@ impl NeuralTexture {
     /// # Errors
     /// As [`Self::read`].
     pub fn from_bytes(path: &Path, bytes: &[u8]) -> Result<Self> {
-        let no_material =
-            |reason: String| Error::invalid(path, "header", format!("this is no neural material ({reason})"));
+        let no_material = |reason: String| Error::invalid(path, "header", format!("not a neural material ({reason})"));
         let (metadata, tensors) = tensor_file::open(bytes).map_err(no_material)?;
         let text = metadata.metadata().as_ref().and_then(|entries| entries.get("headtail"));
         let text = text.ok_or_else(|| no_material("metadata 'headtail' is missing".into()))?;

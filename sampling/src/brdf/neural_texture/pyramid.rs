@@ -29,7 +29,7 @@ impl Pyramid {
     /// not finite.
     pub fn new(side: usize, texels: Vec<[f32; FEATURES]>) -> Result<Self> {
         if !side.is_power_of_two() || side > MOST_TEXELS {
-            return Err(Error::argument("texture", format!("side {side} is no power of two up to {MOST_TEXELS}")));
+            return Err(Error::argument("texture", format!("side {side} is not a power of two up to {MOST_TEXELS}")));
         }
         if texels.len() != Self::texel_count(side) {
             let (found, wanted) = (texels.len(), Self::texel_count(side));

@@ -169,7 +169,7 @@ fn damaged_files_are_rejected_with_the_field() {
     let good = std::fs::read(&path).unwrap();
     let read = |bytes: &[u8]| NeuralTexture::from_bytes(Path::new("m"), bytes);
     let error = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
-    assert!(error(b"").contains("no neural material") && error(&good[..100]).contains("no neural material"));
+    assert!(error(b"").contains("not a neural material") && error(&good[..100]).contains("not a neural material"));
     let text = String::from_utf8_lossy(&good).into_owned();
     let altered = |from: &str, to: &str| {
         assert!(text.contains(from) && from.len() == to.len(), "{from}");
