@@ -20,10 +20,7 @@ use crate::output::OutputFile;
 use crate::progress;
 use crate::terminal::say;
 
-/// Tabulate a head, the cosine product or the visibility in a scene.
-///
-/// A trained head, or the product of light and cosine without training, over a grid of normals; or the
-/// visibility of the sky in a scene.
+/// Tabulate a trained head or light x cosine over a grid of normals, or the visibility of a scene.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail bake --direct --env studio --out out/studio-direct.safetensors
