@@ -92,7 +92,7 @@ impl Entry {
 
     /// Returns whether `auto` chose the estimator with the help of a clock, as for budgets of seconds.
     pub(crate) fn is_chosen_by_clock(&self, budget: Budget) -> bool {
-        matches!(budget, Budget::Seconds(_)) && self.built.iter().any(|built| built.budget == Some(budget))
+        budget.seconds().is_some() && self.built.iter().any(|built| built.budget == Some(budget))
     }
 
     /// Returns the estimator for a budget and the seconds of its preparation.

@@ -73,7 +73,7 @@ impl TryFrom<String> for Objective {
             return Ok(Self(text));
         }
         let plain = Self::PLAIN.join(", ");
-        Err(format!("'{text}' is not an objective; choose {plain}, mse:VIEW and mse_at_time:VIEW"))
+        Err(format!("'{text}' is not an objective; choose {plain}, mse:VIEW or mse_at_time:VIEW"))
     }
 }
 
