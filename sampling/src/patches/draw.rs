@@ -150,15 +150,14 @@ vectorized! {
 /// Returns the running sums of the weighted masses of the parts of a patch for one shading point.
 #[inline(always)]
 pub(super) fn part_sums<S: Simd>(simd: S, block: &Block, at: &Reflection, weights: &Lanes) -> Lanes {
-    let patch = |k| Patch::load(block, k);
     let mut masses = if at.specular > 0.0 && at.diffuse > 0.0 {
-        masses::<_, true, true>(simd, patch, |_| *at)
+        masses::<_, true, true>(simd, |k| Patch::load(block, k), |_| *at)
     } else if at.specular > 0.0 {
-        masses::<_, true, false>(simd, patch, |_| *at)
+        masses::<_, true, false>(simd, |k| Patch::load(block, k), |_| *at)
     } else {
         let mut masses = [0.0; LANES];
         for k in 0..LANES {
-            masses[k] = patch(k).diffuse_mass::<_, true>(simd, at.n);
+            masses[k] = Patch::load(block, k).diffuse_mass::<_, true>(simd, at.n);
         }
         masses
     };

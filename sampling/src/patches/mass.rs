@@ -212,6 +212,14 @@ struct Middle {
     visible: f32,
 }
 
+impl Middle {
+    #[inline(always)]
+    fn of_lane(columns: &[Lanes; 5], k: usize) -> Self {
+        let [x, y, z, cos_i, visible] = lane(columns, k);
+        Self { w: Vec3::new(x, y, z), cos_i, visible }
+    }
+}
+
 /// Half vectors between the viewer and a patch.
 #[derive(Clone, Copy)]
 struct HalfVectors {
@@ -254,63 +262,62 @@ fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, ha
 /// with equal masses.
 ///
 /// Four loops, because each step waits for the roots and divisions of the previous one: within a loop, the
-/// processor overlaps the lanes.
+/// processor overlaps the lanes. The loops are written out: a closure that the compiler does not inline loses the
+/// instruction set of its caller.
 #[inline(always)]
 pub fn masses<S: Simd, const LEAF: bool, const DIFFUSE: bool>(
     simd: S,
     patch: impl Fn(usize) -> Patch,
     at: impl Fn(usize) -> Reflection,
 ) -> Lanes {
-    let cosines = for_lanes(|k| {
+    let mut cosines = [[0.0; LANES]; 3];
+    for k in 0..LANES {
         let Cosines { mean, half_width, bound } = patch(k).cosines(simd, at(k).n);
-        [mean, half_width, bound]
-    });
+        set_lane(&mut cosines, k, [mean, half_width, bound]);
+    }
     if highest(&cosines[2]) <= 0.0 {
         return [0.0; LANES];
     }
-    let cosines_at = |k: usize| Cosines { mean: cosines[0][k], half_width: cosines[1][k], bound: cosines[2][k] };
-    let middles = for_lanes(|k| {
-        let Middle { w, cos_i, visible } = patch(k).middle(simd, at(k).n, &cosines_at(k));
-        [w.x, w.y, w.z, cos_i, visible]
-    });
-    let middle_at = |k: usize| {
-        let [x, y, z, cos_i, visible] = lane(&middles, k);
-        Middle { w: Vec3::new(x, y, z), cos_i, visible }
-    };
-    let halves = for_lanes(|k| {
-        let half = patch(k).half_vectors(simd, &at(k), &middle_at(k));
-        [half.squared_half, half.squared_cos_h, half.tilt_across, half.along, half.over]
-    });
-    let [masses] = for_lanes(|k| {
-        let (at, cosines, middle) = (at(k), cosines_at(k), middle_at(k));
+    let mut middles = [[0.0; LANES]; 5];
+    for k in 0..LANES {
+        let Middle { w, cos_i, visible } = patch(k).middle(simd, at(k).n, &Cosines::of_lane(&cosines, k));
+        set_lane(&mut middles, k, [w.x, w.y, w.z, cos_i, visible]);
+    }
+    let mut halves = [[0.0; LANES]; 5];
+    for k in 0..LANES {
+        let half = patch(k).half_vectors(simd, &at(k), &Middle::of_lane(&middles, k));
+        set_lane(&mut halves, k, [half.squared_half, half.squared_cos_h, half.tilt_across, half.along, half.over]);
+    }
+    let mut masses = [0.0; LANES];
+    for k in 0..LANES {
+        let (at, cosines, middle) = (at(k), Cosines::of_lane(&cosines, k), Middle::of_lane(&middles, k));
         let [squared_half, squared_cos_h, tilt_across, along, over] = lane(&halves, k);
         let half = HalfVectors { squared_half, squared_cos_h, tilt_across, along, over };
         let diffuse = if DIFFUSE { cosines.clamped::<LEAF>() } else { 0.0 };
         let glossy = lobe::<S, LEAF>(simd, &at, &middle, &half);
         let glossy = if cosines.bound > 0.0 { glossy } else { 0.0 };
         let both = fused(simd, at.specular, glossy, at.diffuse * FRAC_1_PI * diffuse);
-        [patch(k).energy * if at.specular > 0.0 { both } else { diffuse }]
-    });
+        masses[k] = patch(k).energy * if at.specular > 0.0 { both } else { diffuse };
+    }
     masses
 }
 
-/// Evaluates `numbers` for each lane, as columns.
+/// Sets one lane of columns.
 #[inline(always)]
-fn for_lanes<const N: usize>(numbers: impl Fn(usize) -> [f32; N]) -> [Lanes; N] {
-    let mut columns = [[0.0; LANES]; N];
-    for k in 0..LANES {
-        let numbers = numbers(k);
-        for i in 0..N {
-            columns[i][k] = numbers[i];
-        }
+fn set_lane<const N: usize>(columns: &mut [Lanes; N], lane: usize, numbers: [f32; N]) {
+    for i in 0..N {
+        columns[i][lane] = numbers[i];
     }
-    columns
 }
 
 /// Returns one lane of columns.
 #[inline(always)]
 fn lane<const N: usize>(columns: &[Lanes; N], k: usize) -> [f32; N] {
-    columns.each_ref().map(|column| column[k])
+    let mut numbers = [0.0; N];
+    for i in 0..N {
+        numbers[i] = columns[i][k];
+    }
+    numbers
 }
 
 /// Returns the largest number, by halving, which avoids a chain of dependent comparisons.
@@ -338,6 +345,12 @@ pub struct Cosines {
 }
 
 impl Cosines {
+    #[inline(always)]
+    fn of_lane(columns: &[Lanes; 3], k: usize) -> Self {
+        let [mean, half_width, bound] = lane(columns, k);
+        Self { mean, half_width, bound }
+    }
+
     /// Returns the clamped cosine: its root mean square for a leaf, its mean for a cluster; at least a
     /// fraction of its upper bound, and 0 where the bound is not positive.
     #[inline(always)]
