@@ -5,18 +5,25 @@
 
 use std::{fs, path::Path};
 
-use super::{SMALL, folder, radiance_file, succeed};
+use super::{SMALL, folder, headtail, radiance_file, succeed, text};
 
 /// The pages relative to the root of the repository.
 fn pages() -> Vec<String> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut pages: Vec<String> = fs::read_dir(root.join("docs"))
-        .unwrap()
-        .map(|entry| format!("docs/{}", entry.unwrap().file_name().into_string().unwrap()))
-        .filter(|name| name.ends_with(".md"))
-        .collect();
-    pages.sort();
-    pages.insert(0, "README.md".into());
+    let mut pages = ["README.md", "RESULTS.md", "checkpoints/README.md"].map(str::to_owned).to_vec();
+    let mut folders = vec!["docs".to_owned()];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(root.join(&folder)).unwrap() {
+            let entry = entry.unwrap();
+            let name = format!("{folder}/{}", entry.file_name().into_string().unwrap());
+            match entry.file_type().unwrap().is_dir() {
+                true => folders.push(name),
+                false if name.ends_with(".md") => pages.push(name),
+                false => {}
+            }
+        }
+    }
+    pages[3..].sort();
     pages
 }
 
@@ -125,8 +132,11 @@ fn commands_of_the_documentation_run() {
         let here = folder();
         fs::write(here.path().join("room.hdr"), room()).unwrap();
         fs::create_dir(here.path().join("checkpoints")).unwrap();
-        for name in ["welt.safetensors", "satin.safetensors"] {
-            fs::copy(root.join("checkpoints").join(name), here.path().join("checkpoints").join(name)).unwrap();
+        for entry in fs::read_dir(root.join("checkpoints")).unwrap() {
+            let entry = entry.unwrap();
+            if entry.file_type().unwrap().is_file() {
+                fs::copy(entry.path(), here.path().join("checkpoints").join(entry.file_name())).unwrap();
+            }
         }
         fs::write(here.path().join("spot.glb"), pyramid()).unwrap();
         fs::write(here.path().join("run.toml"), "learning_rate = 2e-3\n").unwrap();
@@ -170,4 +180,36 @@ fn tests_named_in_the_table_exist() {
         }
     }
     assert!(count > 40, "{count} names");
+}
+
+/// Returns the table of all commands, from the help.
+fn table_of_commands() -> String {
+    let help = text(&headtail(folder().path(), "--help").stdout);
+    let (_, rest) = help.split_once("Commands:\n").expect("a list of commands");
+    let mut rows: Vec<(&str, String)> = Vec::new();
+    for line in rest.lines().take_while(|line| !line.is_empty()) {
+        let words = line.trim();
+        match (line.starts_with("   "), rows.last_mut()) {
+            (true, Some((_, about))) => *about += &format!(" {words}"),
+            _ => rows.extend(words.split_once(' ').map(|(name, about)| (name, about.trim().to_owned()))),
+        }
+    }
+    rows.retain(|(name, _)| *name != "help");
+    let lines: String = rows.iter().map(|(name, about)| format!("| `{name}` | {about} |\n")).collect();
+    format!("| command | what it does |\n| --- | --- |\n{lines}")
+}
+
+#[test]
+fn commands_of_the_help_are_those_of_the_page() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/commands.md");
+    let page = fs::read_to_string(&path).unwrap();
+    let (before, rest) = page.split_once("<!-- commands: ").expect("a block of commands");
+    let (how, rest) = rest.split_once("-->\n\n").unwrap();
+    let (_, after) = rest.split_once("\n<!-- end of commands -->").unwrap();
+    let generated = format!("{before}<!-- commands: {how}-->\n\n{}\n<!-- end of commands -->{after}", table_of_commands());
+    if std::env::var_os("HEADTAIL_WRITE_COMMANDS").is_some() {
+        fs::write(&path, generated).unwrap();
+    } else {
+        assert!(page == generated, "the table is old; run {how}");
+    }
 }
