@@ -206,7 +206,8 @@ fn commands_of_the_help_are_those_of_the_page() {
     let (before, rest) = page.split_once("<!-- commands: ").expect("a block of commands");
     let (how, rest) = rest.split_once("-->\n\n").unwrap();
     let (_, after) = rest.split_once("\n<!-- end of commands -->").unwrap();
-    let generated = format!("{before}<!-- commands: {how}-->\n\n{}\n<!-- end of commands -->{after}", table_of_commands());
+    let generated =
+        format!("{before}<!-- commands: {how}-->\n\n{}\n<!-- end of commands -->{after}", table_of_commands());
     if std::env::var_os("HEADTAIL_WRITE_COMMANDS").is_some() {
         fs::write(&path, generated).unwrap();
     } else {
