@@ -182,19 +182,25 @@ fn tests_named_in_the_table_exist() {
     assert!(count > 40, "{count} names");
 }
 
-/// Returns the table of all commands, from the help.
-fn table_of_commands() -> String {
+/// Returns the commands in the help, `help` itself excluded, with their descriptions.
+pub(super) fn commands_of_the_help() -> Vec<(String, String)> {
     let help = text(&headtail(folder().path(), "--help").stdout);
     let (_, rest) = help.split_once("Commands:\n").expect("a list of commands");
-    let mut rows: Vec<(&str, String)> = Vec::new();
+    let mut rows: Vec<(String, String)> = Vec::new();
     for line in rest.lines().take_while(|line| !line.is_empty()) {
         let words = line.trim();
         match (line.starts_with("   "), rows.last_mut()) {
             (true, Some((_, about))) => *about += &format!(" {words}"),
-            _ => rows.extend(words.split_once(' ').map(|(name, about)| (name, about.trim().to_owned()))),
+            _ => rows.extend(words.split_once(' ').map(|(name, about)| (name.to_owned(), about.trim().to_owned()))),
         }
     }
-    rows.retain(|(name, _)| *name != "help");
+    rows.retain(|(name, _)| name != "help");
+    rows
+}
+
+/// Returns the table of all commands.
+fn table_of_commands() -> String {
+    let rows = commands_of_the_help();
     let lines: String = rows.iter().map(|(name, about)| format!("| `{name}` | {about} |\n")).collect();
     format!("| command | what it does |\n| --- | --- |\n{lines}")
 }

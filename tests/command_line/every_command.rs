@@ -10,15 +10,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{SMALL, command, folder, headtail, lost_work::refused, succeed, text};
+use super::{SMALL, command, documentation::commands_of_the_help, folder, headtail, lost_work::refused, succeed, text};
 
 /// The commands in the help.
 fn commands() -> BTreeSet<String> {
-    let here = folder();
-    let help = text(&headtail(here.path(), "--help").stdout);
-    let list = help.split_once("Commands:\n").and_then(|(_, rest)| rest.split_once("\n\n")).expect("a list").0;
-    let names = list.lines().filter_map(|line| line.strip_prefix("  ")?.split(' ').next());
-    names.filter(|name| !name.is_empty() && *name != "help").map(str::to_owned).collect()
+    commands_of_the_help().into_iter().map(|(name, _)| name).collect()
 }
 
 /// The first word of each command.
