@@ -38,7 +38,7 @@ impl Weights {
     /// Returns the weight of a patch.
     #[inline(always)]
     pub fn of_patch(&self, patch: usize) -> f32 {
-        f32::from(self.patches[patch / LANES][patch % LANES]) / 255.0
+        f32::from(self.patches[patch / LANES][patch % LANES]) * SCALE
     }
 }
 
@@ -46,7 +46,11 @@ fn quantized(weight: f32) -> u8 {
     (255.0 * weight + 0.5).clamp(1.0, 255.0) as u8
 }
 
-/// The weights of shading points. They are relative: samplers normalize by their sum.
+/// The weight of a byte's unit.
+const SCALE: f32 = 1.0 / 255.0;
+
+/// The weights of shading points, at most 1. Samplers normalize masses by their sum, but the mixture weight of
+/// BRDF sampling depends on that sum: it is the light that the point sees.
 pub trait Weighting: Send + Sync {
     /// Computes the indices of the weights of points, as the bits of lanes.
     fn indices(&self, _at: &Rows<'_>, _out: &mut [Lanes]) {}
@@ -62,7 +66,7 @@ pub trait Weighting: Send + Sync {
             None => *out = [[1.0; LANES]; CLUSTERS],
             Some(weights) => {
                 for (out, weight) in out.iter_mut().zip(&weights.clusters) {
-                    *out = [f32::from(*weight); LANES];
+                    *out = [f32::from(*weight) * SCALE; LANES];
                 }
             }
         }
@@ -72,7 +76,7 @@ pub trait Weighting: Send + Sync {
                 && let Some(weights) = self.at(indices[k])
             {
                 for (out, weight) in out.iter_mut().zip(&weights.clusters) {
-                    out[k] = f32::from(*weight);
+                    out[k] = f32::from(*weight) * SCALE;
                 }
             }
         }
@@ -84,7 +88,7 @@ pub trait Weighting: Send + Sync {
         let mut out = [1.0; LANES];
         if let Some(weights) = self.at(index) {
             for (out, weight) in out.iter_mut().zip(&weights.patches[cluster]) {
-                *out = f32::from(*weight);
+                *out = f32::from(*weight) * SCALE;
             }
         }
         out
@@ -99,5 +103,66 @@ impl Weighting for Unoccluded {
     #[inline(always)]
     fn at(&self, _index: f32) -> Option<&Weights> {
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{Vec3, Vec3A};
+
+    use super::*;
+    use crate::{
+        brdf::Ggx,
+        columns::Arena,
+        environment::built_in,
+        patches::{Detail, PatchSampler},
+        random::{Purpose, Stream},
+        sampler::{EnvironmentLight, Sampler},
+        tail::TailKind,
+        tile::{ShadingPoint, Tile},
+    };
+
+    /// Cells without rays.
+    struct Unknown(Weights);
+
+    impl Weighting for Unknown {
+        fn at(&self, _index: f32) -> Option<&Weights> {
+            Some(&self.0)
+        }
+    }
+
+    #[test]
+    fn weights_of_1_change_neither_pdfs_nor_mixture_weights() {
+        let light = EnvironmentLight::new(Arc::new(built_in("studio").unwrap()), TailKind::Hierarchical).unwrap();
+        let (patches, unknown) = (PatchSampler::new(light, Detail::Leaves).unwrap(), Unknown(Weights::unknown()));
+        let (mut random, mut tile) = (Stream::new(1, Purpose::Test, 0), Tile::default());
+        for key in 0..100 {
+            let n = random.direction();
+            let wo = (n + 0.7 * n.any_orthonormal_vector()).normalize();
+            let surface = Ggx::new(0.02 + 0.5 * random.uniform(), Vec3::ONE).into();
+            tile.push(&ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface }, key);
+        }
+        let (at, arena) = (tile.rows(), Arena::default());
+        let wi: [Vec<Lanes>; 3] = std::array::from_fn(|axis| {
+            let mut column = vec![[0.0; LANES]; at.strips()];
+            for (place, out) in column.as_flattened_mut()[..at.len()].iter_mut().enumerate() {
+                let point = tile.point(place);
+                *out = (2.0 * point.wo.dot(point.ns) * point.ns - point.wo)[axis];
+            }
+            column
+        });
+        let densities = |sampler: &dyn Sampler| {
+            let mut state = vec![[0.0; LANES]; sampler.columns() * at.strips()];
+            let mut out = [vec![[0.0; LANES]; at.strips()], vec![[0.0; LANES]; at.strips()]];
+            sampler.prepare(&at, &mut state, &arena);
+            sampler.pdf(&at, &state, wi.each_ref().map(|axis| &**axis), &mut out[0], &arena);
+            sampler.share(&at, &mut out[1], &arena);
+            out
+        };
+        let [equal, none] = [densities(&patches.weighted(&unknown)), densities(&patches)];
+        assert!(none.iter().all(|column| column.as_flattened()[..at.len()].iter().all(|&number| number > 0.0)));
+        assert_eq!(equal, none);
     }
 }
