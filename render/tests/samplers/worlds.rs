@@ -62,6 +62,8 @@ impl Uneven {
 }
 
 impl Weighting for Uneven {
+    const UNIT: f32 = Weights::UNIT;
+
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
         for (strip, out) in out.iter_mut().enumerate() {
             // By the point alone, so that results do not depend on the tile.

@@ -121,7 +121,7 @@ vectorized! {
             let mut shares = [1.0; LANES];
             if is_glossy {
                 for k in 0..LANES {
-                    shares[k] = share_beside_brdf(&points.lane(k), sum[k], squared[k]);
+                    shares[k] = share_beside_brdf(&points.lane(k), sum[k] / W::UNIT, squared[k] / W::UNIT);
                 }
             }
             lobes[SHARE] = shares;

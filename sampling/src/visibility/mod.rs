@@ -261,6 +261,8 @@ impl VisibilityCache {
 }
 
 impl Weighting for VisibilityCache {
+    const UNIT: f32 = Weights::UNIT;
+
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
         let (mut last, mut unknown) = ((None, 0), 0);
         for (key, out) in self.keys(at).into_iter().zip(out.as_flattened_mut()) {
