@@ -5,6 +5,7 @@ use std::{
     error::Error,
     fmt,
     io::IsTerminal,
+    ops::Range,
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, AtomicUsize, Ordering},
@@ -137,6 +138,8 @@ pub struct Bar {
     shown: ProgressBar,
     what: String,
     start: Instant,
+    /// Units that were completed before the start, by an earlier command.
+    before: u64,
     pace: Arc<Mutex<Pace>>,
 }
 
@@ -183,10 +186,17 @@ fn new_bar(length: u64, what: &str, is_estimated: bool) -> Bar {
     shown.set_prefix(what.to_owned());
     terminal::show_above(&shown);
     let pace = Arc::new(Mutex::new(Pace { next: FIRST_LINE, is_estimated }));
-    Bar { shown, what: what.to_owned(), start: Instant::now(), pace }
+    Bar { shown, what: what.to_owned(), start: Instant::now(), before: 0, pace }
 }
 
 impl Bar {
+    /// Starts at `units`, which an earlier command completed: they do not count as work of this one.
+    fn resuming_at(self, units: u64) -> Self {
+        self.shown.set_position(units);
+        self.shown.reset_eta();
+        Self { before: units, ..self }
+    }
+
     /// Sets the number of completed units.
     pub fn set_position(&self, position: u64) {
         self.shown.set_position(position);
@@ -230,8 +240,8 @@ impl Bar {
             return;
         }
         let length = self.shown.length().unwrap_or(0).max(1);
-        let done = self.shown.position() as f64 / length as f64;
-        let left = (done > 0.0).then(|| elapsed.as_secs_f64() * (1.0 - done) / done);
+        let position = self.shown.position();
+        let left = seconds_left(elapsed.as_secs_f64(), self.before..position, length);
         let mut pace = self.pace.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(left) = left
             && !pace.is_estimated
@@ -249,10 +259,16 @@ impl Bar {
         terminal::progress(&format!(
             "{}: {:.0} %, {} done, {left}{message}",
             self.what,
-            100.0 * done,
+            100.0 * position as f64 / length as f64,
             duration(elapsed.as_secs_f64())
         ));
     }
+}
+
+/// Estimates the time left from the units that were completed in `elapsed` seconds, of `length` in all.
+fn seconds_left(elapsed: f64, completed: Range<u64>, length: u64) -> Option<f64> {
+    let (new, rest) = (completed.end.saturating_sub(completed.start), length.saturating_sub(completed.end));
+    (new > 0).then(|| elapsed * rest as f64 / new as f64)
 }
 
 /// A bar over training steps that starts at the first report: earlier work, such as the fit of a flow tail,
@@ -270,7 +286,8 @@ impl<'a> TrainingBar<'a> {
 
     /// Shows a report.
     pub fn show(&self, progress: &Progress, message: impl AsRef<str>) {
-        let bar = self.bar.get_or_init(|| bar(progress.steps as u64, self.what));
+        let before = progress.step.saturating_sub(1) as u64;
+        let bar = self.bar.get_or_init(|| bar(progress.steps as u64, self.what).resuming_at(before));
         bar.set_message(message);
         bar.set_position(progress.step as u64);
     }
@@ -328,6 +345,12 @@ impl Drop for Busy {
 #[cfg(all(test, unix))]
 mod tests {
     use super::*;
+
+    #[test]
+    fn units_of_an_earlier_command_do_not_count_as_done_in_this_time() {
+        assert_eq!(seconds_left(10.0, 700..710, 1000), Some(290.0));
+        assert_eq!((seconds_left(10.0, 700..700, 1000), seconds_left(1.0, 0..8, 4)), (None, Some(0.0)));
+    }
 
     #[test]
     fn ignored_signals_are_read_from_the_mask() {

@@ -197,26 +197,3 @@ pub(super) fn commands_of_the_help() -> Vec<(String, String)> {
     rows.retain(|(name, _)| name != "help");
     rows
 }
-
-/// Returns the table of all commands.
-fn table_of_commands() -> String {
-    let rows = commands_of_the_help();
-    let lines: String = rows.iter().map(|(name, about)| format!("| `{name}` | {about} |\n")).collect();
-    format!("| command | what it does |\n| --- | --- |\n{lines}")
-}
-
-#[test]
-fn commands_of_the_help_are_those_of_the_page() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/commands.md");
-    let page = fs::read_to_string(&path).unwrap();
-    let (before, rest) = page.split_once("<!-- commands: ").expect("a block of commands");
-    let (how, rest) = rest.split_once("-->\n\n").unwrap();
-    let (_, after) = rest.split_once("\n<!-- end of commands -->").unwrap();
-    let generated =
-        format!("{before}<!-- commands: {how}-->\n\n{}\n<!-- end of commands -->{after}", table_of_commands());
-    if std::env::var_os("HEADTAIL_WRITE_COMMANDS").is_some() {
-        fs::write(&path, generated).unwrap();
-    } else {
-        assert!(page == generated, "the table is old; run {how}");
-    }
-}

@@ -8,6 +8,7 @@ mod composite;
 mod documentation;
 mod every_command;
 mod export;
+mod generated;
 #[cfg(target_os = "linux")]
 mod interruption;
 mod lost_work;

@@ -16,24 +16,24 @@ use crate::{
 pub struct FitConfig {
     /// The material to sample for.
     pub material: MaterialSpec,
-    /// The tail under the head.
+    /// The tail under the head: `hierarchical`, `row-column` or `flow`.
     pub tail: TailKind,
     /// Whether to discard a head whose relative variance is not below that of the untrained head, and to use
     /// that one instead. With a learned mixture weight, the untrained head is one-sample MIS.
     pub fall_back: bool,
-    /// If validation finds a relative variance of more than this factor times the lowest so far, weights and
-    /// moments are reset to those of the lowest, and the learning rate is halved from there on; at the end,
-    /// the best weights of all validations are used. 0 uses the last weights unconditionally.
+    /// Training returns to the best weights, with half the learning rate, if validation finds more than this
+    /// factor of the least relative variance so far; 0 for never. Unless it is 0, the best weights of all
+    /// validations are used at the end.
     pub setback: f32,
-    /// What the head is composed with: the tail, or patches of sky between it and the tail.
+    /// What the head is composed with: the `tail`, or `patches` (`fine-patches`) between it and the tail.
     pub over: Over,
-    /// How training points are drawn.
+    /// How training points are drawn: `strata` of Y, or `tabulated` as in the paper.
     pub points: Points,
     /// Fit the head to the product in X, without a tail: the paper's naive baseline.
     pub naive: bool,
-    /// Where tensors live.
+    /// Where tensors live: `flex`, `ndarray` or `wgpu`.
     pub backend: Backend,
-    /// How gradients are computed.
+    /// How gradients are computed: `auto`, `fused` or `in-graph`.
     pub gradient: GradientForm,
     /// Seed of weights, batches and validation.
     pub seed: u64,
@@ -46,9 +46,9 @@ pub struct FitConfig {
     /// Points per condition from BRDF sampling, combined with the strata by the balance heuristic: required
     /// for narrow lobes.
     pub brdf_samples: usize,
-    /// The loss.
+    /// The loss: `forward-kl`, `reverse-kl`, `chi-square` or `log-chi-square`.
     pub loss: Loss,
-    /// Factor of the paper's entropic term, see [`Objective::entropic`].
+    /// Factor of the paper's entropic term. See [`Objective::entropic`].
     pub entropic: f32,
     /// Peak learning rate: rises linearly over `warmup` and falls to zero along a half cosine.
     pub learning_rate: f64,

@@ -19,7 +19,7 @@ pub enum FlowForm {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FlowConfig {
-    /// Inputs of the elevation's layers.
+    /// Inputs of the elevation's layers: `coupled`, the azimuth as in the paper, or `triangular`, none.
     pub form: FlowForm,
     /// Bins K per spline.
     pub bins: usize,

@@ -24,7 +24,7 @@ pub struct EncoderConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HeadConfig {
-    /// What the head is conditioned on.
+    /// The head's inputs: `normal`, `ggx`, `ggx-roughness`, `family` or `texture`; the material determines them.
     pub condition: Condition,
     /// Bins K per spline.
     pub bins: usize,
@@ -34,7 +34,7 @@ pub struct HeadConfig {
     pub hidden_layers: usize,
     /// Slope of the leaky ReLU for negative arguments.
     pub leaky_slope: f32,
-    /// How the coupling layers are joined.
+    /// How the coupling layers are joined: `coupled` or `autoregressive`.
     pub mode: Mode,
     /// The conditioner encoder; `None` (in files `"none"`) feeds the condition to the spline networks
     /// unchanged.
