@@ -1,7 +1,7 @@
 //! Progress bars with the time left, and interruption by signals.
 
 use std::{
-    cell::OnceCell,
+    cell::{Cell, OnceCell},
     error::Error,
     fmt,
     io::IsTerminal,
@@ -138,7 +138,7 @@ pub struct Bar {
     shown: ProgressBar,
     what: String,
     start: Instant,
-    /// Units that were completed before the start, by an earlier command.
+    /// Units that were completed before the start.
     before: u64,
     pace: Arc<Mutex<Pace>>,
 }
@@ -190,7 +190,7 @@ fn new_bar(length: u64, what: &str, is_estimated: bool) -> Bar {
 }
 
 impl Bar {
-    /// Starts at `units`, which an earlier command completed: they do not count as work of this one.
+    /// Starts at `units`, whose time does not count.
     fn resuming_at(self, units: u64) -> Self {
         self.shown.set_position(units);
         self.shown.reset_eta();
@@ -271,23 +271,26 @@ fn seconds_left(elapsed: f64, completed: Range<u64>, length: u64) -> Option<f64>
     (new > 0).then(|| elapsed * rest as f64 / new as f64)
 }
 
-/// A bar over training steps that starts at the first report: earlier work, such as the fit of a flow tail,
-/// does not count as time of steps.
+/// A bar over training steps that starts at the second report: earlier work, such as the fit of a flow tail or
+/// the compilation of a GPU's kernels in the first step, does not count as time of steps.
 pub struct TrainingBar<'a> {
     what: &'a str,
+    has_begun: Cell<bool>,
     bar: OnceCell<Bar>,
 }
 
 impl<'a> TrainingBar<'a> {
     /// Returns a bar that is not shown yet.
     pub fn new(what: &'a str) -> Self {
-        Self { what, bar: OnceCell::new() }
+        Self { what, has_begun: Cell::new(false), bar: OnceCell::new() }
     }
 
     /// Shows a report.
     pub fn show(&self, progress: &Progress, message: impl AsRef<str>) {
-        let before = progress.step.saturating_sub(1) as u64;
-        let bar = self.bar.get_or_init(|| bar(progress.steps as u64, self.what).resuming_at(before));
+        if !self.has_begun.replace(true) {
+            return;
+        }
+        let bar = self.bar.get_or_init(|| bar(progress.steps as u64, self.what).resuming_at(progress.step as u64));
         bar.set_message(message);
         bar.set_position(progress.step as u64);
     }
