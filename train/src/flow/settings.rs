@@ -17,8 +17,8 @@ pub struct FlowSettings {
     pub strata: usize,
     /// Peak learning rate.
     pub learning_rate: f64,
-    /// The fit ends when `KL(light || flow)`, measured 20 times per run, is at most this many nats; 0 runs
-    /// all steps.
+    /// The fit ends when `KL(light || flow)`, measured after each twentieth of the run, is at most this many
+    /// nats; 0 runs all steps.
     pub kl_target: f64,
     /// Fraction of points that are uniform over X instead of distributed like the light: without them, dark
     /// regions are thinner in Y than a cell of the table. The head learns the remaining factor of the light.
