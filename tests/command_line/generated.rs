@@ -59,13 +59,11 @@ fn fields(of: &str, file: &str) -> Vec<(String, String)> {
 
 /// Returns a setting as it is written in a file; `none` where a table is replaced by a word.
 fn value(settings: &Table, key: &str) -> String {
-    let mut found = Some(&Value::Table(settings.clone())).cloned();
-    for part in key.split('.') {
-        found = found.and_then(|own| own.get(part).cloned());
-    }
-    match found {
-        Some(Value::Float(number)) if number != 0.0 && !(1e-3..1e4).contains(&number) => format!("{number:e}"),
-        Some(Value::String(word)) => word,
+    let mut parts = key.split('.');
+    let first = parts.next().and_then(|part| settings.get(part));
+    match parts.fold(first, |own, part| own?.get(part)) {
+        Some(Value::Float(number)) if *number != 0.0 && !(1e-3..1e4).contains(number) => format!("{number:e}"),
+        Some(Value::String(word)) => word.clone(),
         Some(own) => own.to_string(),
         None => "none".to_owned(),
     }
@@ -77,7 +75,8 @@ fn settings_of_training_are_those_of_the_types() {
         let out = headtail(folder().path(), &format!("fit --preset {preset} --print-config"));
         text(&out.stdout).parse::<Table>().expect("settings")
     });
-    let mut table = format!("| setting | meaning | {} |\n| --- | --- |{}\n", PRESETS.join(" | "), " --- |".repeat(5));
+    let mut table =
+        format!("| setting | meaning | {} |\n| --- | --- |{}\n", PRESETS.join(" | "), " --- |".repeat(PRESETS.len()));
     for (prefix, of, file) in TYPES {
         for (name, about) in fields(of, file) {
             // Tables of their own.
