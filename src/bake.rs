@@ -106,7 +106,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 /// Bakes with a bar that starts at the first report, so that earlier work does not count.
 fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     let bar = OnceLock::new();
-    let show = |share: f64| bar.get_or_init(|| progress::bar(progress::SHARES, "baking")).shares()(share);
+    let show = |fraction: f64| {
+        bar.get_or_init(|| progress::bar(progress::FRACTION_UNITS, "baking")).fraction_setter()(fraction)
+    };
     let table = bake(&show);
     bar.into_inner().iter().for_each(progress::Bar::finish_and_clear);
     table

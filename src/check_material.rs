@@ -65,8 +65,8 @@ impl Source for Watched<'_> {
         for part in 0..samples.div_ceil(STEP) {
             let count = STEP.min(samples - part * STEP);
             let values = self.source.reflect(queries, count, seed ^ u64::from(part) << 44);
-            let share = count as f32 / samples as f32;
-            sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += share * value);
+            let fraction = count as f32 / samples as f32;
+            sum.iter_mut().zip(values).for_each(|(sum, value)| *sum += fraction * value);
             self.bar.inc(u64::from(count) * queries.len() as u64);
         }
         sum

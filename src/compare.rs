@@ -1,7 +1,7 @@
 //! `headtail compare`: samplers side by side, at equal samples or equal time.
 
+mod running;
 mod samplers;
-mod work;
 
 use std::{
     path::PathBuf,
@@ -12,8 +12,8 @@ use anyhow::{Result, bail, ensure};
 use clap::Args;
 use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
 use headtail_render::{image::write_exr, memory, spec::SamplerSpec};
+use running::RunningComparison;
 use samplers::SamplerList;
-use work::Work;
 
 use crate::terminal::{self, say};
 use crate::{
@@ -166,27 +166,27 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         preparation,
         state: State::Running { planned },
     };
-    let mut work = Work::new(&opened, (&entries, &files), &stop, output, comparison, reference.noise)?;
-    let ran = work.run_all(&mut reference, &plan);
-    if ran.is_err() && !work.comparison.rows.is_empty() {
+    let mut running = RunningComparison::new(&opened, (&entries, &files), &stop, output, comparison, reference.noise)?;
+    let ran = running.run_all(&mut reference, &plan);
+    if ran.is_err() && !running.comparison.rows.is_empty() {
         // Keeps completed runs where possible; the first error is the one reported.
-        drop(work.finish(State::Interrupted { planned }));
+        drop(running.finish(State::Interrupted { planned }));
     }
     ran?;
-    let interrupted = stop.load(Ordering::Relaxed) && work.comparison.rows.len() < planned;
-    if interrupted && work.comparison.rows.is_empty() {
+    let interrupted = stop.load(Ordering::Relaxed) && running.comparison.rows.len() < planned;
+    if interrupted && running.comparison.rows.is_empty() {
         bail!(progress::Interrupted::new("no run is done"));
     }
-    work.finish(if interrupted { State::Interrupted { planned } } else { State::Complete })?;
+    running.finish(if interrupted { State::Interrupted { planned } } else { State::Complete })?;
 
     if arguments.json {
-        terminal::print_json(&work.comparison.rows)?;
+        terminal::print_json(&running.comparison.rows)?;
     }
-    say!("{}", report::lines(&work.comparison.rows)?);
-    say!("reference: {}", work.comparison.reference_note);
+    say!("{}", report::lines(&running.comparison.rows)?);
+    say!("reference: {}", running.comparison.reference_note);
     let page = arguments.out.join("report.html");
     if interrupted {
-        let done = work.comparison.rows.len();
+        let done = running.comparison.rows.len();
         bail!(progress::Interrupted::new(format!("{done} of {planned} runs are done; {} shows them", page.display())));
     }
     say!("open {}", page.display());
@@ -214,12 +214,12 @@ fn obtain_reference(
     output: &OutputFolder,
     stop: &AtomicBool,
 ) -> Result<Reference> {
-    let bar = progress::bar(progress::SHARES, "reference");
+    let bar = progress::bar(progress::FRACTION_UNITS, "reference");
     let reference = match &arguments.reference {
-        Some(file) => Reference::read(file, opened, stop, &bar.shares()),
+        Some(file) => Reference::read(file, opened, stop, &bar.fraction_setter()),
         None => {
             let policy = ReferencePolicy::new(arguments.reference_spp, arguments.seed);
-            Reference::obtain(opened, policy, arguments.reference_cache.as_deref(), stop, &bar.shares())
+            Reference::obtain(opened, policy, arguments.reference_cache.as_deref(), stop, &bar.fraction_setter())
         }
     };
     bar.finish_and_clear();

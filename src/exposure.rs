@@ -31,29 +31,29 @@ pub fn of_image(image: &Image, counted: &[bool]) -> f32 {
     (10.0 * stops.unwrap_or(0.0)).round() / 10.0
 }
 
-/// Returns the stops of an image that holds the light of the fraction `shares` of each pixel; `None` if all
+/// Returns the stops of an image that holds the light of the fraction `fractions` of each pixel; `None` if all
 /// is black.
-fn of_part(image: &Image, shares: &[f32]) -> Option<f32> {
+fn of_part(image: &Image, fractions: &[f32]) -> Option<f32> {
     let columns = image.width.div_ceil(BLOCK);
     let mut blocks = vec![(0.0_f32, 0.0_f32); columns * image.height.div_ceil(BLOCK)];
-    for (k, (&pixel, share)) in image.pixels.iter().zip(shares).enumerate() {
+    for (k, (&pixel, fraction)) in image.pixels.iter().zip(fractions).enumerate() {
         let light = luminance(pixel.into());
         // Rounding may leave light in pixels with fraction 0.
-        if *share > 0.0 && light.is_finite() {
+        if *fraction > 0.0 && light.is_finite() {
             let (sum, total) = &mut blocks[k / image.width / BLOCK * columns + k % image.width / BLOCK];
-            (*sum, *total) = (*sum + light.max(0.0), *total + share);
+            (*sum, *total) = (*sum + light.max(0.0), *total + fraction);
         }
     }
     blocks.retain(|(_, total)| *total > 0.0);
     blocks.sort_by(|a, b| (a.0 / a.1).total_cmp(&(b.0 / b.1)));
     let whole: f64 = blocks.iter().map(|(_, total)| f64::from(*total)).sum();
     let (mut sum, mut total) = (0.0_f64, 0.0_f64);
-    for (light, share) in blocks {
+    for (light, fraction) in blocks {
         // If all else is black, the brightest blocks are used.
-        if total + f64::from(share) > (1.0 - BRIGHTEST) * whole && sum > 0.0 {
+        if total + f64::from(fraction) > (1.0 - BRIGHTEST) * whole && sum > 0.0 {
             break;
         }
-        (sum, total) = (sum + f64::from(light), total + f64::from(share));
+        (sum, total) = (sum + f64::from(light), total + f64::from(fraction));
     }
     let mean = (sum / total) as f32;
     (mean > 0.0 && mean.is_finite()).then(|| (MIDDLE / mean).log2().clamp(-MOST, MOST))

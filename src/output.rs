@@ -79,7 +79,7 @@ impl OutputFolder {
     /// # Errors
     /// As [`Self::take`].
     pub fn take_for(path: &Path, results: &[&str], request: String) -> Result<Self> {
-        let mut folder = Self::share(path)?;
+        let mut folder = Self::take_any(path)?;
         folder.results = results.iter().map(|&name| name.to_owned()).collect();
         folder.request = request;
         let is_ours = |name: &str| {
@@ -102,7 +102,7 @@ impl OutputFolder {
     ///
     /// # Errors
     /// As [`Self::take`], except for results of other commands.
-    pub fn share(path: &Path) -> Result<Self> {
+    pub fn take_any(path: &Path) -> Result<Self> {
         let cannot = || format!("{}: the folder cannot be written to", path.display());
         let was_made = !path.exists();
         make_folder(path)?;
@@ -335,7 +335,7 @@ mod tests {
         let refused = OutputFolder::take(&inner, &["table.csv"]).unwrap_err().to_string();
         assert!(refused.contains("table.csv of another command"), "{refused}");
         // As with `--force`.
-        let mut folder = OutputFolder::share(&inner).unwrap();
+        let mut folder = OutputFolder::take_any(&inner).unwrap();
         folder.results.push("table.csv".into());
         folder.begin(&[&inner.join("in.exr")]).unwrap();
         assert_eq!(folder.file("new.exr").unwrap(), inner.join("new.exr"));

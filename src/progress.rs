@@ -159,7 +159,7 @@ const FIRST_LINE: Duration = Duration::from_secs(10);
 const BETWEEN_LINES: Duration = Duration::from_secs(60);
 
 /// Units of a bar over fractions of some work; fine enough for an estimate from the first update.
-pub const SHARES: u64 = 1_000_000_000;
+pub const FRACTION_UNITS: u64 = 1_000_000_000;
 
 /// Returns a bar over `length` units on standard error.
 pub fn bar(length: u64, what: &str) -> Bar {
@@ -226,10 +226,10 @@ impl Bar {
         self.shown.finish_and_clear();
     }
 
-    /// Returns a function that shows a fraction in [0, 1] on a bar of [`SHARES`] units.
-    pub fn shares(&self) -> impl Fn(f64) + Sync + use<> {
+    /// Returns a function that shows a fraction in [0, 1] on a bar of [`FRACTION_UNITS`] units.
+    pub fn fraction_setter(&self) -> impl Fn(f64) + Sync + use<> {
         let bar = self.clone();
-        move |share| bar.set_position((SHARES as f64 * share) as u64)
+        move |fraction| bar.set_position((FRACTION_UNITS as f64 * fraction) as u64)
     }
 
     /// Announces the total duration once it is known, if it is long; without a terminal, prints progress from

@@ -111,12 +111,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     note_use(&sampler)?;
     note_surfaces(&sampler, &opened)?;
-    let bar = progress::bar(progress::SHARES, "rendering");
+    let bar = progress::bar(progress::FRACTION_UNITS, "rendering");
     if arguments.timings {
         Timings::start();
     }
     let points = opened.points(budget, arguments.seed);
-    let rendering = opened.render(&*estimator, budget, points, &stop, &bar.shares());
+    let rendering = opened.render(&*estimator, budget, points, &stop, &bar.fraction_setter());
     bar.finish_and_clear();
 
     let image = rendering.composite();

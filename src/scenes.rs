@@ -95,15 +95,15 @@ fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;
     let estimator = Ris::new(product, Covering::new(BrdfSampler)?, 4, environment.clone())?;
-    let bar = progress::bar(progress::SHARES, "rendering");
-    let show = bar.shares();
+    let bar = progress::bar(progress::FRACTION_UNITS, "rendering");
+    let show = bar.fraction_setter();
     let (stop, count) = (AtomicBool::new(false), scenes.len() as f64);
     for (number, scene) in scenes.iter().enumerate() {
         let (width, height) = (arguments.width as usize, (arguments.width * 3 / 4) as usize);
         let (camera, environment) = (&scene.camera(), &*environment);
         let view = View { scene, camera, environment, width, height, unshadowed: false, depth: arguments.depth };
         let (budget, points) = (Budget::Spp(arguments.spp), Points::new(PointSet::Sobol, 1));
-        let show = |share: f64| show((number as f64 + share) / count);
+        let show = |fraction: f64| show((number as f64 + fraction) / count);
         let rendering = integrator::render(view, &estimator, budget, points, &stop, &show);
         write_png(&output.file(&picture_name(scene.name()))?, &rendering.composite(), of_rendering(&rendering))?;
     }

@@ -26,11 +26,11 @@ fn divergence(head: &Head, tail: &Tail, normal: Vec3A) -> Option<f64> {
     let centre = |k: usize| Vec2::new((k % 256) as f32 + 0.5, (k / 256) as f32 + 0.5) / 256.0;
     let y: Vec<Vec2> = (0..256 * 256).map(centre).collect();
     let head = head.at(&normal.to_array()).unwrap();
-    let share = head.share();
+    let mixture_weight = head.mixture_weight();
     let (mut light, mut kl) = (0.0, 0.0);
     for ((_, q), (_, wi, pdf)) in head.invert(&y).into_iter().zip(tail.forward_directions(&y)) {
         let g = normal.dot(wi).max(0.0);
-        let q = f64::from(share * q + (1.0 - share) * g / std::f32::consts::PI / pdf);
+        let q = f64::from(mixture_weight * q + (1.0 - mixture_weight) * g / std::f32::consts::PI / pdf);
         let g = f64::from(g);
         light += g;
         if g > 0.0 {
@@ -46,7 +46,7 @@ fn heads_reach_their_stated_divergence() {
         let (exported, _) = open(environment, "head");
         let training = exported.training.expect("a head says how it was trained");
         let Intermediate::Head(head) = &exported.intermediate else { panic!("{environment}: not a head") };
-        assert!(head.has_share(), "{environment}: the default learns a share");
+        assert!(head.has_mixture_weight(), "{environment}: the default learns a mixture weight");
         let (mut sum, mut count) = (0.0, 0.0);
         for index in 0..40 {
             let normal = Stream::new(3, Purpose::Test, index).direction();

@@ -114,8 +114,8 @@ impl Reference {
         condition
     }
 
-    /// The selection probability of the head: the learned one relative to a given one with logit `prior`.
-    fn share(&self, c: &[f64], prior: f64) -> f64 {
+    /// The mixture weight of the head: the learned one relative to a given one with logit `prior`.
+    fn mixture_weight(&self, c: &[f64], prior: f64) -> f64 {
         let hidden = self.leaky(self.affine("selection.linear0", &self.encode(c)));
         0.02 + 0.96 / (1.0 + (-self.affine("selection.linear1", &hidden)[0] - prior).exp())
     }
@@ -346,7 +346,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
         weights: draw(count, 0.2, 2.0),
         brdf: draw(count, 0.0, 3.0),
         tails: draw(count, 0.1, 4.0),
-        share_logits: draw(conditions, -2.0, 2.0),
+        mixture_weight_logits: draw(conditions, -2.0, 2.0),
     };
     for config in configurations().into_iter().filter(|config| config.encoder.is_some()) {
         let config = HeadConfig { hidden: 6, share: true, ..config };
@@ -358,7 +358,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
             let mean = |reference: &Reference| {
                 let of_condition = |index: usize| {
                     let c = widen(&batch.conditions[3 * index..3 * index + 3]);
-                    let p = reference.share(&c, f64::from(batch.share_logits[index]));
+                    let p = reference.mixture_weight(&c, f64::from(batch.mixture_weight_logits[index]));
                     let q: Vec<f64> = (0..samples)
                         .map(|i| {
                             let point = index * samples + i;

@@ -114,7 +114,7 @@ fn best(scene: &Scene, environment: &Environment, estimator: &dyn Estimator, wid
 
 /// Returns camera and shadow rays in millions per second.
 fn rate(rendering: &Rendering) -> f64 {
-    let covered: f64 = rendering.coverage.iter().map(|&share| f64::from(share)).sum();
+    let covered: f64 = rendering.coverage.iter().map(|&fraction| f64::from(fraction)).sum();
     let rays = f64::from(rendering.spp) * (rendering.coverage.len() as f64 + rendering.rays_per_sample * covered);
     1e-6 * rays / rendering.seconds
 }

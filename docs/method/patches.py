@@ -176,34 +176,34 @@ class Patches:
         scaled = cos_h * along * over + max(1 - cos_h - tilt, 0) * over + tilt * along
         smooth, rough = 2 * cos_i * cos_o, cos_i + cos_o
         shadowing = 2 * (smooth + alpha * (rough - smooth))
-        share = np.sqrt(visible) if leaf else visible
-        return m[0] * share * (along * over) ** 1.5 * cos_i / (np.pi * scaled**2 * shadowing)
+        fraction = np.sqrt(visible) if leaf else visible
+        return m[0] * fraction * (along * over) ** 1.5 * cos_i / (np.pi * scaled**2 * shadowing)
 
-    def shares(self, n, wo, alpha):
-        """Returns the probabilities of clusters, and the selection probability beside BRDF sampling."""
+    def cluster_probabilities(self, n, wo, alpha):
+        """Returns the probabilities of clusters, and the mixture weight beside BRDF sampling."""
         masses = np.array([self.mass(c, n, wo, alpha, leaf=False) for c in self.clusters])
-        share = 1.0
+        mixture_weight = 1.0
         if alpha is not None and masses.sum() > 0:
             m = np.array([self.light.moments(c) for c in self.clusters])
             unevenness = np.clip((masses @ (m[:, 13] / m[:, 0])) / masses.sum() ** 2, 0.1, 1e6)
             odds = np.exp(-4.35 - 2.14 * np.log(alpha) - 1.92 * np.log(unevenness))
             by_width = np.clip(0.5 * (0.05 / alpha) ** 1.25, 0.03, 0.9)
             least = min(0.02 * max(0.1 / alpha, 1) ** 3, 0.5)
-            share = 1 - max(min(odds / (1 + odds), by_width), least)
+            mixture_weight = 1 - max(min(odds / (1 + odds), by_width), least)
         if self.small.any() and (alpha is None or alpha >= NARROW):
             own, rest = masses[self.small].sum(), masses[~self.small].sum()
             odds = 0.75 * np.sqrt(own / rest) if rest > 0 else 0
-            quarters = max(np.floor(4 * share * odds / (1 + odds) + 0.5), 1)
-            quarters -= 0.25 * quarters > 0.875 * share
+            quarters = max(np.floor(4 * mixture_weight * odds / (1 + odds) + 0.5), 1)
+            quarters -= 0.25 * quarters > 0.875 * mixture_weight
             if own > 0.05 * (own + rest) and rest > 0 and quarters > 0:
-                part = 0.25 * quarters / share
+                part = 0.25 * quarters / mixture_weight
                 masses[self.small] *= part / (1 - part) * rest / own
-        return masses / max(masses.sum(), 1e-300), share
+        return masses / max(masses.sum(), 1e-300), mixture_weight
 
     def pdf(self, n, wo, wi, alpha=None):
         """Returns the solid-angle density of directions [count, 3] in 1/sr, for a diffuse surface or a rough
         mirror of width `alpha`."""
-        of_clusters, share = self.shares(n, wo, alpha)
+        of_clusters, mixture_weight = self.cluster_probabilities(n, wo, alpha)
         u = np.arctan2(wi[:, 0], -wi[:, 2]) / (2 * np.pi) % 1
         v = np.arctan2(np.hypot(wi[:, 0], wi[:, 2]), wi[:, 1]) / np.pi
         column = ((u * self.light.columns - 0.5) % self.light.columns).astype(int)
@@ -226,7 +226,7 @@ class Patches:
                 node, probability = self.twigs[cluster][leaf][twig], probability * masses[twig]
             per_light[k] = probability / self.light.moments(node)[0]
         pdf = per_light * self.light.density(u, v) / (2 * np.pi**2 * np.sin(np.pi * v))
-        return pdf if alpha is None else share * pdf + (1 - share) * self.brdf_pdf(n, wo, wi, alpha)
+        return pdf if alpha is None else mixture_weight * pdf + (1 - mixture_weight) * self.brdf_pdf(n, wo, wi, alpha)
 
     @staticmethod
     def brdf_pdf(n, wo, wi, alpha):

@@ -182,10 +182,10 @@ impl DirectionBench {
             let pdf = f64::from(pdf);
             integral += weight * pdf;
             if f > 0.0 {
-                let share = weight * f / own;
-                kl += share * (f / own / pdf).ln();
-                second += share * (f / own / pdf);
-                uncovered += if pdf < UNCOVERED * f / own { share } else { 0.0 };
+                let fraction = weight * f / own;
+                kl += fraction * (f / own / pdf).ln();
+                second += fraction * (f / own / pdf);
+                uncovered += if pdf < UNCOVERED * f / own { fraction } else { 0.0 };
             }
         }
         // Draws without a direction have probability: lobes reach below the horizon.

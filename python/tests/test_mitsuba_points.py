@@ -58,17 +58,17 @@ def compare(name, native, product, points, alpha):
     sampling with equal weights on both sides."""
     surface = {} if alpha is None else {"alpha": alpha}
     prepared = product.prepare(points.point(alpha))
-    is_mixed = alpha is not None and product.has_share and native.name != "head"
-    share = np.array(product.share(prepared)) if is_mixed else np.ones(COUNT, np.float32)
+    is_mixed = alpha is not None and product.has_mixture_weight and native.name != "head"
+    mixture_weight = np.array(product.mixture_weight(prepared)) if is_mixed else np.ones(COUNT, np.float32)
     brdf = headtail.Sampler.from_spec("brdf", native.map)
 
     def mixed(pdf, wi):
         # Rejected samples have no direction.
         wi = np.where((wi == 0).all(1, keepdims=True), points.n, wi)
-        return share * np.array(pdf) + (1 - share) * (brdf.pdf(wi, points.n, points.wo, **surface) if is_mixed else 0)
+        return mixture_weight * np.array(pdf) + (1 - mixture_weight) * (brdf.pdf(wi, points.n, points.wo, **surface) if is_mixed else 0)
 
     # The first part of the unit interval selects the product.
-    u = np.stack([np.minimum(points.u[:, 0] * share, np.nextafter(share, np.float32(0))), points.u[:, 1]], 1)
+    u = np.stack([np.minimum(points.u[:, 0] * mixture_weight, np.nextafter(mixture_weight, np.float32(0))), points.u[:, 1]], 1)
     draws = native.sampler.sample(points.n, points.wo, u=u, radiance=False, **surface)
     wi, pdf = product.sample(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)))
     drawn = draws.pdf > 0

@@ -95,7 +95,7 @@ def test_a_callback_sees_progress_and_can_end_a_rendering(studio):
     headtail.render("sphere", "mis", studio, spp=64, progress=seen.append, **SIZE)
     assert len(seen) == 4 and seen[-1] == 1.0
 
-    def stop(share):
+    def stop(fraction):
         raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):

@@ -87,8 +87,8 @@ fn compare(rays: &str, batches: &Batches, variants: &[Variant<'_>]) {
         }
     }
     let seconds: Vec<f64> = fastest.iter().map(|batches| batches.iter().sum()).collect();
-    let share = 100.0 * hits[0] as f64 / count as f64;
-    print!("  {rays:24} {count:7} rays, {share:5.1} % hit:");
+    let percent = 100.0 * hits[0] as f64 / count as f64;
+    print!("  {rays:24} {count:7} rays, {percent:5.1} % hit:");
     for (k, (name, _)) in variants.iter().enumerate() {
         print!("  {name} {:.2} M/s (x {:.2})", count as f64 / seconds[k] / 1e6, seconds[0] / seconds[k]);
     }

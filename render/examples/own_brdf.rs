@@ -35,7 +35,7 @@ impl Phong {
     }
 
     /// Returns the probability of sampling the lobe.
-    fn share(&self) -> f32 {
+    fn lobe_weight(&self) -> f32 {
         self.specular / (self.specular + self.diffuse)
     }
 }
@@ -59,19 +59,20 @@ impl Kernel for Phong {
     }
 
     fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
-        let share = self.share();
-        if u.x >= share {
-            let (wi, _) = Lambert { albedo: Vec3::ONE }.sample(n, wo, Vec2::new((u.x - share) / (1.0 - share), u.y));
+        let lobe_weight = self.lobe_weight();
+        if u.x >= lobe_weight {
+            let (wi, _) =
+                Lambert { albedo: Vec3::ONE }.sample(n, wo, Vec2::new((u.x - lobe_weight) / (1.0 - lobe_weight), u.y));
             return (wi, self.pdf(n, wo, wi));
         }
-        let cos = (u.x / share).powf(1.0 / (self.exponent + 1.0));
+        let cos = (u.x / lobe_weight).powf(1.0 / (self.exponent + 1.0));
         let side = Vec2::from_angle(2.0 * PI * u.y) * (1.0 - cos * cos).max(0.0).sqrt();
         let wi = Frame::from_normal(2.0 * n.dot(wo) * n - wo).to_world(side.extend(cos));
         (wi, self.pdf(n, wo, wi))
     }
 
     fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
-        self.share() * self.lobe(n, wo, wi) + (1.0 - self.share()) * n.dot(wi).max(0.0) / PI
+        self.lobe_weight() * self.lobe(n, wo, wi) + (1.0 - self.lobe_weight()) * n.dot(wi).max(0.0) / PI
     }
 
     fn alpha(&self) -> f32 {

@@ -8,6 +8,7 @@
 //! | `scene/` | scenes, glTF, materials, ray tracing |
 //! | `integrator/` | renderings of a view with an estimator |
 //! | `composite/` | objects in photographs |
+//! | `portals/` | rectangles through which light enters a room |
 //! | `image/` | photographs, and writing results |
 //! | `statistics/` | errors, intervals and tests |
 //! | `fabric/` | reference materials that neural materials are fitted to |
@@ -16,6 +17,7 @@ pub mod composite;
 pub mod fabric;
 pub mod image;
 pub mod integrator;
+pub mod portals;
 pub mod scene;
 pub mod statistics;
 

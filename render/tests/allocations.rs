@@ -59,7 +59,7 @@ fn files(environment: &Environment, folder: &Path) -> Vec<String> {
     let mut network = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
     let networks = [network(&[5, 16, 13]), network(&[4, 16, 13])];
     let head = Head::new(Condition::Normal, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
-    let head = head.with_share(network(&[3, 8, 1])).unwrap();
+    let head = head.with_mixture_weight(network(&[3, 8, 1])).unwrap();
     let tail = Tail::new(TailKind::Hierarchical, environment.width(), environment.height(), &environment.luminance());
     let table = direct_bake(&tail.unwrap(), NormalGrid::new(8, 16).unwrap(), CellGrid::new(8, 8).unwrap()).unwrap();
     let training = TrainingSummary::default();

@@ -57,7 +57,7 @@ fn heads(environment: &Environment, folder: &Path) -> Vec<String> {
     let seen = Condition::Texture.length();
     let networks = [network(&[seen + 2, 16, 16, 13]), network(&[seen + 1, 16, 16, 13])];
     let head = Head::new(Condition::Texture, Mode::Coupled, 0.01, Vec::new(), networks).unwrap();
-    let head = head.with_share(network(&[seen, 8, 1])).unwrap();
+    let head = head.with_mixture_weight(network(&[seen, 8, 1])).unwrap();
     let file = |name: &str, patches: bool| {
         let head = Intermediate::Head(head.clone());
         let training = TrainingSummary::default();

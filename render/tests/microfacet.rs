@@ -202,7 +202,7 @@ fn ggx_matches_the_textbook() {
             // row is uncertain.
             let checks = [
                 ("albedo", is_mean(&weights, reference.albedo, 1.0 / 2000.0, tests)),
-                ("share above the horizon", is_mean(&above, reference.above, 1.0 / 2000.0, tests)),
+                ("fraction above the horizon", is_mean(&above, reference.above, 1.0 / 2000.0, tests)),
                 ("albedo by uniform directions", is_mean(&uniform, reference.albedo, 1.0 / 2000.0, tests)),
             ];
             let failed = |(name, check): (&str, Result<(), String>)| {

@@ -120,8 +120,8 @@ fn equal_areas_of_y_carry_equal_light() {
             let lands_above = landed.iter().filter(|(x, _)| x.y < row as f32 / rows as f32).count();
             // The preimage of the line crosses each column of the grid about once: 1/512 each, and the same
             // again for jumps.
-            let share = lands_above as f64 / f64::from(512 * 512);
-            assert!((share - above).abs() < 4.0 / 512.0, "{name}: {share} above row {row}, expected {above}");
+            let fraction = lands_above as f64 / f64::from(512 * 512);
+            assert!((fraction - above).abs() < 4.0 / 512.0, "{name}: {fraction} above row {row}, expected {above}");
             let v = (row as f32 + 0.5) / rows as f32;
             let middle = |column| Vec2::new(((column as f32 + 1.0) / columns as f32).fract(), v);
             above += (0..columns).map(|column| f64::from(tail.density(middle(column)))).sum::<f64>()

@@ -133,18 +133,18 @@ macro_rules! vectorized_function {
         $(#[$meta])*
         #[allow(clippy::too_many_arguments)]
         $vis fn $name<$lt $(, $generic: $bound)*>($($argument: $type),*) {
-            struct Work<$lt $(, $generic: $bound)*> {
+            struct Arguments<$lt $(, $generic: $bound)*> {
                 $($argument: $type,)*
                 kinds: std::marker::PhantomData<(&$lt (), $($generic,)*)>,
             }
-            impl<$lt $(, $generic: $bound)*> $crate::simd::Vectorized for Work<$lt $(, $generic)*> {
+            impl<$lt $(, $generic: $bound)*> $crate::simd::Vectorized for Arguments<$lt $(, $generic)*> {
                 #[inline(always)]
                 fn run<Instructions: $crate::simd::Simd>(self, $simd: Instructions) {
                     let Self { $($argument,)* .. } = self;
                     $body
                 }
             }
-            $crate::simd::dispatch(Work::<$($generic),*> { $($argument,)* kinds: std::marker::PhantomData });
+            $crate::simd::dispatch(Arguments::<$($generic),*> { $($argument,)* kinds: std::marker::PhantomData });
         }
     };
 }

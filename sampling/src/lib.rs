@@ -19,7 +19,7 @@
 //! | `points/`, `random.rs` | sample points of renderings; random streams of training and tests |
 //! | `tile.rs`, `batch.rs`, `one_point.rs` | shading points as columns, as flat lists, and single points |
 //! | `columns.rs`, `simd.rs` | columns of samples and their arena; functions over SIMD lanes |
-//! | `linear.rs`, `discrete.rs` | affine layers; inversion of running sums |
+//! | `linear.rs`, `discrete.rs`, `float16.rs` | affine layers; inversion of running sums; half precision |
 //! | `latlong.rs`, `frame.rs` | directions and X; the frame around a normal |
 //! | `color.rs`, `morton.rs` | luminance and the tone curve; the Morton curve |
 //! | `flat.rs` | samplers as named arrays, for other devices |
@@ -40,6 +40,7 @@ pub mod estimator;
 pub mod export;
 pub mod file;
 pub mod flat;
+pub(crate) mod float16;
 pub mod frame;
 pub mod head;
 pub mod image;

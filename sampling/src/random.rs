@@ -1,9 +1,9 @@
 //! Random streams keyed by (seed, purpose, index): the same key gives the same numbers on any number of
 //! threads.
 
+use chacha20::ChaCha8Rng;
 use glam::Vec2;
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
+use rand_core::{Rng, SeedableRng};
 
 /// The purpose of a stream; streams of different purposes never overlap.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,10 +25,12 @@ pub enum Purpose {
     Tail = 7,
     /// Light paths through fabric.
     Texture = 8,
+    /// Rays that portals are found with.
+    Portals = 9,
 }
 
 /// The stream of (seed, purpose, index).
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Stream(ChaCha8Rng);
 
 impl Stream {

@@ -104,12 +104,12 @@ impl Timings {
 
 impl fmt::Display for Timings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let share = |seconds: f64| 100.0 * seconds / self.whole;
+        let percent = |seconds: f64| 100.0 * seconds / self.whole;
         for (stage, name) in STAGES {
-            writeln!(f, "{name:16} {:9.3} s {:5.1} %", self.seconds(stage), share(self.seconds(stage)))?;
+            writeln!(f, "{name:16} {:9.3} s {:5.1} %", self.seconds(stage), percent(self.seconds(stage)))?;
         }
         let rest = self.whole - self.seconds.iter().sum::<f64>();
-        write!(f, "{:16} {rest:9.3} s {:5.1} %", "everything else", share(rest))
+        write!(f, "{:16} {rest:9.3} s {:5.1} %", "everything else", percent(rest))
     }
 }
 

@@ -38,7 +38,7 @@ fn bench(bencher: Bencher, arrays: &[FlatArray], glossy: bool) {
         program.run();
         program.answers()
     };
-    assert!(answers.iter().any(|answer| answer.pdf > 0.0 && answer.pdf_of_given > 0.0 && answer.share > 0.0));
+    assert!(answers.iter().any(|answer| answer.pdf > 0.0 && answer.pdf_of_given > 0.0 && answer.mixture_weight > 0.0));
     bencher.counter(ItemsCount::new(QUERIES)).bench_local(|| program.run());
 }
 

@@ -223,7 +223,7 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
 /// inputs (followed by two features), two rows of hidden values that layers alternate between, logits. Layers
 /// write whole blocks of four.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
-    let &[condition, coupled, encoder, elevation, azimuth, share, elevation_bins, azimuth_bins] = shape else {
+    let &[condition, coupled, encoder, elevation, azimuth, mixture_weight, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));
     };
     let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
@@ -238,7 +238,7 @@ fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, us
         ("head_encoder_layers", encoder),
         ("head_elevation_layers", elevation),
         ("head_azimuth_layers", azimuth),
-        ("head_share_layers", share),
+        ("head_mixture_weight_layers", mixture_weight),
         ("head_elevation_bins", elevation_bins),
         ("head_azimuth_bins", azimuth_bins),
     ];

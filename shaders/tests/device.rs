@@ -43,7 +43,7 @@ const FAR: f64 = 5e-2;
 /// digits of a mass matter as much.
 const ACROSS: f64 = 5e-3;
 
-/// Compares a shader with its native sampler and prints the differences. [`compare_shares`] compares the
+/// Compares a shader with its native sampler and prints the differences. [`compare_mixture_weights`] compares the
 /// mixture weights.
 fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glossy: bool) -> Vec<Answer> {
     let (queries, alphas) = queries(count, glossy);
@@ -73,20 +73,20 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
             unexplained[index] += usize::from(difference > TOLERANCE + spread.0[index][k]);
         }
     }
-    let shares = |counts: [usize; 3]| counts.map(|far| far as f64 / count as f64);
-    let text = |counts| shares(counts).map(|share| format!("{share:.1e}")).join(", ");
+    let fractions = |counts: [usize; 3]| counts.map(|far| far as f64 / count as f64);
+    let text = |counts| fractions(counts).map(|fraction| format!("{fraction:.1e}")).join(", ");
     println!(
         "{name}: beyond {TOLERANCE} of directions, their pdfs, pdfs of given directions: {}; beyond rounding too: {}; {seconds:.1} s on the device",
         text(far),
         text(unexplained),
     );
-    assert!(shares(far).iter().all(|share| *share < FAR), "{name}: {far:?} of {count}");
-    assert!(shares(unexplained).iter().all(|share| *share < ACROSS), "{name}: {unexplained:?} of {count}");
+    assert!(fractions(far).iter().all(|fraction| *fraction < FAR), "{name}: {far:?} of {count}");
+    assert!(fractions(unexplained).iter().all(|fraction| *fraction < ACROSS), "{name}: {unexplained:?} of {count}");
     answers
 }
 
 /// Compares the mixture weights in answers with those of a native sampler at the same points.
-fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy: bool) {
+fn compare_mixture_weights(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy: bool) {
     let (queries, alphas) = queries(answers.len(), glossy);
     let point = |(query, &alpha): (&Query, &f32)| {
         let (n, wo) = (Vec3A::from_array(query.n), Vec3A::from_array(query.wo));
@@ -100,15 +100,15 @@ fn compare_shares(name: &str, sampler: &dyn Sampler, answers: &[Answer], glossy:
     let (mut far, mut farthest) = (0, 0.0_f32);
     for (points, answers) in points.chunks(1024).zip(answers.chunks(1024)) {
         let (tile, arena) = (Tile::of(points), Arena::default());
-        let mut shares = vec![[0.0; LANES]; tile.rows().strips()];
-        sampler.share(&tile.rows(), &mut shares, &arena);
-        for (answer, share) in answers.iter().zip(shares.as_flattened()) {
-            let difference = (answer.share - share).abs();
+        let mut mixture_weights = vec![[0.0; LANES]; tile.rows().strips()];
+        sampler.mixture_weight(&tile.rows(), &mut mixture_weights, &arena);
+        for (answer, mixture_weight) in answers.iter().zip(mixture_weights.as_flattened()) {
+            let difference = (answer.mixture_weight - mixture_weight).abs();
             far += usize::from(difference > TOLERANCE);
             farthest = farthest.max(difference);
         }
     }
-    println!("{name}: {far} of {} shares beyond {TOLERANCE}, the farthest by {farthest:.1e}", answers.len());
+    println!("{name}: {far} of {} mixture weights beyond {TOLERANCE}, the farthest by {farthest:.1e}", answers.len());
     assert!((far as f64) < FAR * answers.len() as f64 && farthest < 10.0 * TOLERANCE, "{name}: {far}, {farthest}");
 }
 
@@ -165,14 +165,14 @@ fn shaders_match_the_native_samplers() {
     let patches = PatchSampler::new(light.clone(), Detail::Leaves).unwrap();
     for (name, glossy) in [("patches, diffuse", false), ("patches, glossy", true)] {
         let answers = compare(name, &shader, &patches, COUNT, glossy);
-        compare_shares(name, &patches, &answers, glossy);
+        compare_mixture_weights(name, &patches, &answers, glossy);
     }
     let sun = EnvironmentLight::new(Arc::new(Environment::open("sunset").unwrap()), TailKind::Hierarchical).unwrap();
     let shader = Shader::new(&flat_patches(sun.tail(), Detail::Leaves).unwrap()).unwrap();
     let patches = PatchSampler::new(sun, Detail::Leaves).unwrap();
     for (name, glossy) in [("patches beside a sun, diffuse", false), ("patches beside a sun, glossy", true)] {
         let answers = compare(name, &shader, &patches, COUNT, glossy);
-        compare_shares(name, &patches, &answers, glossy);
+        compare_mixture_weights(name, &patches, &answers, glossy);
     }
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32).unwrap(), CellGrid::new(32, 32).unwrap()).unwrap();
     let exported = ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, &map, None).unwrap();
@@ -205,8 +205,8 @@ fn head(condition: Condition, mode: Mode, encoder: &[usize], hidden: &[usize], b
         layers(&sizes, &mut random)
     });
     let encoder = layers(&encoder, &mut random);
-    let share = layers(&[seen, 13, 1], &mut random);
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
+    let mixture_weight = layers(&[seen, 13, 1], &mut random);
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_mixture_weight(mixture_weight).unwrap()
 }
 
 #[test]
@@ -249,7 +249,7 @@ fn shaders_of_heads_match_the_native_heads() {
         let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
         let native = exported.sampler(&studio, false).unwrap();
         let answers = compare(name, &shader, &*native, count, glossy);
-        compare_shares(name, &*native, &answers, glossy);
+        compare_mixture_weights(name, &*native, &answers, glossy);
     }
 }
 

@@ -5,7 +5,7 @@ var<private> headtail_latents: array<f32, 6>;
 
 const HEADTAIL_ELEVATION: u32 = HEADTAIL_HEAD_ENCODER_LAYERS;
 const HEADTAIL_AZIMUTH: u32 = HEADTAIL_ELEVATION + HEADTAIL_HEAD_ELEVATION_LAYERS;
-const HEADTAIL_SHARE: u32 = HEADTAIL_AZIMUTH + HEADTAIL_HEAD_AZIMUTH_LAYERS;
+const HEADTAIL_MIXTURE_WEIGHT: u32 = HEADTAIL_AZIMUTH + HEADTAIL_HEAD_AZIMUTH_LAYERS;
 
 fn headtail_three(place: u32, v: vec3<f32>) {
     headtail_units[place] = v.x;
@@ -56,10 +56,10 @@ fn headtail_azimuth(v: f32) {
     headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_LOGITS);
 }
 
-// The share of samples beside sampling the BSDF that the head has learned, where it is added to the logit of another one.
-fn headtail_head_share(n: vec3<f32>, wo: vec3<f32>, alpha: f32, prior: f32) -> f32 {
+// The learned mixture weight of the head beside sampling the BSDF; `prior` is added to its logit.
+fn headtail_head_mixture_weight(n: vec3<f32>, wo: vec3<f32>, alpha: f32, prior: f32) -> f32 {
     headtail_see(n, wo, alpha);
-    headtail_network(HEADTAIL_SHARE, HEADTAIL_HEAD_SHARE_LAYERS, HEADTAIL_HEAD_LOGITS);
+    headtail_network(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, HEADTAIL_HEAD_LOGITS);
     return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS] - prior, 88.0)));
 }
 

@@ -1,11 +1,11 @@
 // The sampler of a head over patches of sky: it draws what they leave over.
 
-// The share of samples to draw here, beside sampling the BSDF: what the head has learned is a factor of the odds of patches.
+// The mixture weight beside sampling the BSDF, the fraction of samples to draw here: the learned one is a factor of the odds of patches.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
-    let share = headtail_share_by_width(lobes);
-    if (HEADTAIL_HEAD_SHARE_LAYERS == 0u) { return share; }
-    let inside = clamp((share - 0.02) / 0.96, 1e-3, 1.0 - 1e-3);
-    return headtail_head_share(n, wo, lobes.w, headtail_ln(inside / (1.0 - inside)));
+    let mixture_weight = headtail_mixture_weight_by_width(lobes);
+    if (HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS == 0u) { return mixture_weight; }
+    let inside = clamp((mixture_weight - 0.02) / 0.96, 1e-3, 1.0 - 1e-3);
+    return headtail_head_mixture_weight(n, wo, lobes.w, headtail_ln(inside / (1.0 - inside)));
 }
 
 // Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.

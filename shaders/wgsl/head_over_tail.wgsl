@@ -1,9 +1,9 @@
 // The sampler of a head over a tail.
 
-// The share of samples to draw here, beside sampling the BSDF: what the head has learned, or one half.
+// The mixture weight beside sampling the BSDF, the fraction of samples to draw here: the learned one, or 1/2.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
-    if (HEADTAIL_HEAD_SHARE_LAYERS == 0u) { return 0.5; }
-    return headtail_head_share(n, wo, lobes.w, 0.0);
+    if (HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS == 0u) { return 0.5; }
+    return headtail_head_mixture_weight(n, wo, lobes.w, 0.0);
 }
 
 // Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.

@@ -95,8 +95,8 @@ fn headtail_sums(start: u32, first: u32, count: u32, at: HeadtailSurface, is_lea
     return step;
 }
 
-// The running sums of the masses of the clusters, and the share of samples to draw by them, beside sampling the BSDF.
-struct HeadtailClusters { step: HeadtailStep, share: f32 }
+// The running sums of the masses of the clusters, and their mixture weight beside sampling the BSDF.
+struct HeadtailClusters { step: HeadtailStep, mixture_weight: f32 }
 
 fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
     var step: HeadtailStep;
@@ -108,7 +108,7 @@ fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
         squared += mass * headtail_floats[HEADTAIL_PATCHES_CLUSTERS + 16u * k + 14u];
         step.sums[k] = step.total;
     }
-    return HeadtailClusters(step, headtail_share_beside_bsdf(at, step.total, squared));
+    return HeadtailClusters(step, headtail_mixture_weight_beside_bsdf(at, step.total, squared));
 }
 
 // The same with small lights, which come first, at a number of quarters of all samples: by the root of the odds of their light.
@@ -120,11 +120,11 @@ fn headtail_by_quarters(clusters: HeadtailClusters, at: HeadtailSurface) -> Head
     let rest = step.total - own;
     if (!(own > 0.05 * step.total && rest > 0.0)) { return step; }
     let odds = 0.75 * sqrt(own / rest);
-    var quarters = max(floor(4.0 * clusters.share * odds / (1.0 + odds) + 0.5), 1.0);
-    if (0.25 * quarters > 0.875 * clusters.share) { quarters -= 1.0; }
+    var quarters = max(floor(4.0 * clusters.mixture_weight * odds / (1.0 + odds) + 0.5), 1.0);
+    if (0.25 * quarters > 0.875 * clusters.mixture_weight) { quarters -= 1.0; }
     if (!(quarters > 0.0)) { return step; }
-    let share = 0.25 * quarters / clusters.share;
-    let wanted = share / (1.0 - share) * rest;
+    let fraction = 0.25 * quarters / clusters.mixture_weight;
+    let wanted = fraction / (1.0 - fraction) * rest;
     for (var k = 0u; k < HEADTAIL_CLUSTERS; k++) {
         step.sums[k] = select(step.sums[k] + (wanted - own), step.sums[k] * (wanted / own), k < small);
     }
@@ -147,10 +147,10 @@ fn headtail_descend(root: u32, given: HeadtailStep, aim: HeadtailAim, own: u32, 
     while ((split & 0x1000000u) == 0u) {
         let second = split & 0x7fu;
         let middle = step.sums[max(second, 1u) - 1u];
-        let share = (middle - before) / max(after - before, HEADTAIL_TINY);
+        let fraction = (middle - before) / max(after - before, HEADTAIL_TINY);
         let is_column = (split & 0x80u) != 0u;
         let ends = select(sides.zw, sides.xy, is_column);
-        let cut = ends.x + (ends.y - ends.x) * share;
+        let cut = ends.x + (ends.y - ends.x) * fraction;
         let lower = select(select(aim.z.y, aim.z.x, is_column) < cut, own < second, aim.is_given);
         let half = select(vec2<f32>(cut, ends.y), vec2<f32>(ends.x, cut), lower);
         sides = select(vec4<f32>(sides.xy, half), vec4<f32>(half, sides.zw), is_column);
@@ -218,25 +218,25 @@ fn headtail_patch_of(at: HeadtailSurface, cell: vec4<f32>) -> HeadtailPatch {
     return headtail_walk(at, HeadtailAim(vec2<f32>(0.0), true, twig));
 }
 
-// The share of BSDF sampling for a lobe by its width alone.
+// The mixture weight of BSDF sampling for a lobe by its width alone.
 fn headtail_of_lobe(alpha: f32) -> f32 {
     return clamp(0.5 * pow(0.05 / alpha, 1.25), 0.03, 0.9);
 }
 
-// The share of samples beside sampling the BSDF, from the share of the latter for the glossy lobe alone; 1 for diffuse surfaces.
-fn headtail_share_beside_lobe(of_lobe: f32, lobes: vec4<f32>) -> f32 {
+// The mixture weight beside sampling the BSDF, from that of the latter for the glossy lobe alone; 1 for diffuse surfaces.
+fn headtail_mixture_weight_beside_lobe(of_lobe: f32, lobes: vec4<f32>) -> f32 {
     if (!(lobes.y > 0.0)) { return 1.0; }
     let reflected = lobes.y * max(lobes.z, 0.3);
     return 1.0 - of_lobe * reflected / (reflected + lobes.x);
 }
 
 // The same by the width of lobes alone.
-fn headtail_share_by_width(lobes: vec4<f32>) -> f32 {
-    return headtail_share_beside_lobe(headtail_of_lobe(lobes.w), lobes);
+fn headtail_mixture_weight_by_width(lobes: vec4<f32>) -> f32 {
+    return headtail_mixture_weight_beside_lobe(headtail_of_lobe(lobes.w), lobes);
 }
 
 // The same by width and by how uneven the light is that the lobe sees: `sum` is what is reflected, `squared` the same weighted by the density of the light.
-fn headtail_share_beside_bsdf(at: HeadtailSurface, sum: f32, squared: f32) -> f32 {
+fn headtail_mixture_weight_beside_bsdf(at: HeadtailSurface, sum: f32, squared: f32) -> f32 {
     let grazing = 1.0 - max(headtail_dot(at.n, at.wo), 0.0);
     let fourth = (grazing * grazing) * (grazing * grazing);
     let albedo = at.lobes.x + at.lobes.y * (at.lobes.z + (1.0 - at.lobes.z) * (fourth * grazing));
@@ -245,5 +245,5 @@ fn headtail_share_beside_bsdf(at: HeadtailSurface, sum: f32, squared: f32) -> f3
     let width = log(at.lobes.w);
     let odds = exp(-4.35 - 2.14 * width - 1.92 * log(unevenness));
     let least = min(0.02 * exp(3.0 * max(log(0.1) - width, 0.0)), 0.5);
-    return headtail_share_beside_lobe(max(min(odds / (1.0 + odds), headtail_of_lobe(at.lobes.w)), least), at.lobes);
+    return headtail_mixture_weight_beside_lobe(max(min(odds / (1.0 + odds), headtail_of_lobe(at.lobes.w)), least), at.lobes);
 }

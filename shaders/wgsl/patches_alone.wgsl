@@ -1,9 +1,9 @@
 // The sampler of patches of sky.
 
-// The share of samples to draw here, beside sampling the BSDF; 1 for diffuse surfaces.
+// The mixture weight beside sampling the BSDF, the fraction of samples to draw here; 1 for diffuse surfaces.
 fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
     if (!(lobes.y > 0.0)) { return 1.0; }
-    return headtail_clusters(HeadtailSurface(n, wo, lobes)).share;
+    return headtail_clusters(HeadtailSurface(n, wo, lobes)).mixture_weight;
 }
 
 // Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.

@@ -1,4 +1,4 @@
-// The row-column tail: first a row by its share of the light, then a column within the row. Outside of the window there is no light.
+// The row-column tail: first a row by its fraction of the light, then a column within the row. Outside of the window there is no light.
 
 // The first row of cells and how many, the first column and how many, and where its lists begin.
 struct HeadtailWindow {

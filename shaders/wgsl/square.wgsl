@@ -61,7 +61,7 @@ fn headtail_square(w: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(select(u, 0.0, u >= 1.0), v, 1.0 / (2.0 * HEADTAIL_PI * HEADTAIL_PI * max(sine, HEADTAIL_LEAST_SINE)));
 }
 
-// The point at which the linear density from a to b has accumulated the share u, and the inverse.
+// The point at which the linear density from a to b has accumulated the fraction u, and the inverse.
 fn headtail_sample_linear(u: f32, a: f32, b: f32) -> f32 {
     let below = a + sqrt(max(a * a + u * (b * b - a * a), 0.0));
     if (!(below > 0.0)) { return 0.0; }

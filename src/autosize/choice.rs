@@ -15,7 +15,7 @@ pub struct Choice {
 }
 
 /// Summary of a candidate.
-pub struct Standing {
+pub struct CandidateSummary {
     /// Expected error of each picture at the end of the time.
     pub scores: Vec<f64>,
     /// Whether it was ready in time.
@@ -30,12 +30,12 @@ pub struct Standing {
 
 /// Returns the winner, and the cheapest candidate within 5 % of it: without preparation, then with the
 /// smallest file, then in order of the candidates. `None` if nothing could be measured.
-pub fn choose(standings: &[Standing]) -> Option<Choice> {
-    let scores: Vec<f64> = standings.iter().map(|standing| mean(&standing.scores)).collect();
-    let winner = least((0..standings.len()).filter(|&index| standings[index].is_in), |index| scores[index])?;
+pub fn choose(summaries: &[CandidateSummary]) -> Option<Choice> {
+    let scores: Vec<f64> = summaries.iter().map(|summary| mean(&summary.scores)).collect();
+    let winner = least((0..summaries.len()).filter(|&index| summaries[index].is_in), |index| scores[index])?;
     let goal = NEAR * scores[winner];
-    let near = (0..standings.len()).filter(|&index| standings[index].is_allowed && scores[index] <= goal);
-    let cheapest = near.min_by_key(|&index| (standings[index].is_prepared, standings[index].bytes, index));
+    let near = (0..summaries.len()).filter(|&index| summaries[index].is_allowed && scores[index] <= goal);
+    let cheapest = near.min_by_key(|&index| (summaries[index].is_prepared, summaries[index].bytes, index));
     Some(Choice { winner, cheapest: cheapest.unwrap_or(winner) })
 }
 
@@ -51,44 +51,50 @@ mod tests {
 
     /// A candidate with this error after 1 s of rendering, in a time of 60 s; `prepared` are seconds, `bytes`
     /// the size of its file.
-    fn standing(error: f64, prepared: f64, bytes: u64) -> Standing {
+    fn summary(error: f64, prepared: f64, bytes: u64) -> CandidateSummary {
         let scores = [0.99, 1.0, 1.01].map(|factor| at_time(factor * error, 1.0, prepared, 60.0)).into();
-        Standing { scores, is_allowed: prepared <= 30.0, is_in: prepared <= 30.0, is_prepared: bytes > 0, bytes }
+        CandidateSummary {
+            scores,
+            is_allowed: prepared <= 30.0,
+            is_in: prepared <= 30.0,
+            is_prepared: bytes > 0,
+            bytes,
+        }
     }
 
-    fn chosen(standings: &[Standing]) -> (usize, usize) {
-        let Choice { winner, cheapest } = choose(standings).unwrap();
+    fn chosen(summaries: &[CandidateSummary]) -> (usize, usize) {
+        let Choice { winner, cheapest } = choose(summaries).unwrap();
         (winner, cheapest)
     }
 
     #[test]
     fn plain_sampler_wins_if_no_preparation_pays() {
         // The head has 0.8 times the error, but its training takes 1/3 of the time.
-        assert_eq!(chosen(&[standing(2.0, 0.0, 0), standing(1.0, 0.0, 0), standing(0.8, 20.0, 9000)]), (1, 1));
+        assert_eq!(chosen(&[summary(2.0, 0.0, 0), summary(1.0, 0.0, 0), summary(0.8, 20.0, 9000)]), (1, 1));
     }
 
     #[test]
     fn table_or_head_wins_if_its_preparation_pays() {
-        let (mis, table, head) = (standing(1.0, 0.0, 0), standing(0.7, 3.0, 50_000), standing(0.4, 20.0, 9000));
+        let (mis, table, head) = (summary(1.0, 0.0, 0), summary(0.7, 3.0, 50_000), summary(0.4, 20.0, 9000));
         assert_eq!(chosen(&[mis, table, head]), (2, 2));
-        let (mis, table, late) = (standing(1.0, 0.0, 0), standing(0.7, 3.0, 50_000), standing(0.1, 31.0, 9000));
+        let (mis, table, late) = (summary(1.0, 0.0, 0), summary(0.7, 3.0, 50_000), summary(0.1, 31.0, 9000));
         assert_eq!(chosen(&[mis, table, late]), (1, 1), "beyond what preparation may take");
     }
 
     #[test]
     fn cheapest_is_within_5_percent() {
-        let near = [standing(1.04, 0.0, 0), standing(1.0, 0.0, 0), standing(0.99, 0.1, 9000)];
+        let near = [summary(1.04, 0.0, 0), summary(1.0, 0.0, 0), summary(0.99, 0.1, 9000)];
         assert_eq!(chosen(&near), (2, 0), "the first of those without a file");
-        assert_eq!(chosen(&[standing(1.06, 0.0, 0), standing(1.0, 0.1, 9000)]), (1, 1), "too far");
-        assert_eq!(chosen(&[standing(0.99, 0.1, 9000), standing(1.0, 0.1, 900)]), (0, 1), "the smaller file");
-        let mut dropped = [standing(1.0, 0.0, 0), standing(0.99, 0.0, 0)];
+        assert_eq!(chosen(&[summary(1.06, 0.0, 0), summary(1.0, 0.1, 9000)]), (1, 1), "too far");
+        assert_eq!(chosen(&[summary(0.99, 0.1, 9000), summary(1.0, 0.1, 900)]), (0, 1), "the smaller file");
+        let mut dropped = [summary(1.0, 0.0, 0), summary(0.99, 0.0, 0)];
         dropped[1].is_in = false;
         assert_eq!(chosen(&dropped), (0, 0));
     }
 
     #[test]
     fn no_choice_without_measurements() {
-        let unmeasured = Standing { scores: Vec::new(), ..standing(1.0, 0.0, 0) };
+        let unmeasured = CandidateSummary { scores: Vec::new(), ..summary(1.0, 0.0, 0) };
         assert_eq!(choose(&[unmeasured]), None);
         assert_eq!(choose(&[]), None);
     }

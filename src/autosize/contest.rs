@@ -19,8 +19,8 @@ use headtail_render::{
 use super::{
     Arguments,
     candidates::{Candidate, HeadMaterial, Recipe, draws_one, forms, plain, tables},
-    choice::{Choice, Standing, choose, least},
-    lineup::{Ready, ready},
+    choice::{CandidateSummary, Choice, choose, least},
+    lineup::{BuiltSampler, build},
     score::{at_time, cannot_be_better, is_out, mean, ratio},
     stages::{Stage, Stages},
 };
@@ -36,7 +36,7 @@ pub struct Entry {
     pub name: String,
     /// Preparation.
     pub recipe: Recipe,
-    pub(super) ready: Ready,
+    pub(super) built: BuiltSampler,
     /// Trial pictures.
     pub measurement: IndependentRuns,
     /// Whether it is still in the contest.
@@ -58,7 +58,7 @@ pub struct Contest<'a> {
     pub entries: Vec<Entry>,
     /// Why heads were not trained; `None` if they were.
     pub(super) untrained: Option<String>,
-    /// Heads whose training failed, each with a sentence that says why.
+    /// Heads whose training failed, each with the reason.
     pub left_out: Vec<(Recipe, String)>,
 }
 
@@ -112,7 +112,7 @@ impl<'a> Contest<'a> {
         // The baseline for further sources may have been dropped in favour of one with several directions.
         self.best_of_one().into_iter().for_each(|index| self.measure(index));
         self.begin(Stage::Product);
-        let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_share()? };
+        let perfect = if self.arguments.exhaustive { 0.0 } else { self.perfect_ratio()? };
         self.begin(Stage::Tables);
         if self.opened.is_diffuse() {
             self.tabulate(perfect, stop)?;
@@ -150,7 +150,7 @@ impl<'a> Contest<'a> {
                 break;
             }
             let entry = &self.entries[index];
-            let (error, prepared) = (mean(&entry.measurement.errors()), TABLES_GROW * entry.ready.prepared);
+            let (error, prepared) = (mean(&entry.measurement.errors()), TABLES_GROW * entry.built.prepared);
             let is_enough = error > TABLES_GAIN * before
                 || self.is_out_of_reach(self.sample_seconds(&entry.measurement), perfect, prepared);
             if is_enough && !self.arguments.exhaustive {
@@ -167,15 +167,15 @@ impl<'a> Contest<'a> {
         if stop.load(atomic::Ordering::Relaxed) || self.is_hopeless(index, FORMS_GAIN) {
             return Ok(());
         }
-        let Entry { name, recipe, ready, .. } = &self.entries[index];
-        forms(name, recipe, &ready.spec).into_iter().try_for_each(|form| self.enter(form, stop).map(|_| ()))
+        let Entry { name, recipe, built, .. } = &self.entries[index];
+        forms(name, recipe, &built.spec).into_iter().try_for_each(|form| self.enter(form, stop).map(|_| ()))
     }
 
     /// Renders the first pictures of a candidate.
     pub(super) fn measure(&mut self, index: usize) {
         let entry = &mut self.entries[index];
         let pictures = ROUNDS[FIRST_ROUNDS - 1];
-        entry.measurement.extend(self.opened, &*entry.ready.estimator, Some(&self.baseline), pictures, &self.covered);
+        entry.measurement.extend(self.opened, &*entry.built.estimator, Some(&self.baseline), pictures, &self.covered);
     }
 
     /// Whether a candidate is so far behind those of one direction that others of its family, whose errors
@@ -193,22 +193,22 @@ impl<'a> Contest<'a> {
     pub fn enter(&mut self, candidate: Candidate, stop: &AtomicBool) -> Result<Option<usize>> {
         let folder = self.arguments.out.join("candidates");
         make_folder(&folder)?;
-        let ready = ready(&candidate, &self.view.env, self.opened, &self.material, &folder, stop);
-        let mut ready = match ready {
+        let built = build(&candidate, &self.view.env, self.opened, &self.material, &folder, stop);
+        let mut built = match built {
             Err(error) if comes_to_nothing(&error) => {
                 let sentence = format!("{} is left out: {error:#}", candidate.name);
                 note!("{sentence}");
                 self.left_out.push((candidate.recipe, sentence));
                 return Ok(None);
             }
-            ready => ready.with_context(|| candidate.name.clone())?,
+            built => built.with_context(|| candidate.name.clone())?,
         };
         let Candidate { name, recipe } = candidate;
         // The table of a head also needs its training, and a form everything that its file needed.
-        ready.prepared += self.base(&recipe).map_or(0.0, |base| base.ready.prepared);
-        let is_allowed = ready.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
+        built.prepared += self.base(&recipe).map_or(0.0, |base| base.built.prepared);
+        let is_allowed = built.prepared <= self.arguments.prepare_seconds || !recipe.is_prepared();
         let measurement = IndependentRuns::new(SAMPLES);
-        self.entries.push(Entry { name, recipe, ready, measurement, is_in: is_allowed, is_allowed });
+        self.entries.push(Entry { name, recipe, built, measurement, is_in: is_allowed, is_allowed });
         Ok(Some(self.entries.len() - 1))
     }
 
@@ -227,7 +227,7 @@ impl<'a> Contest<'a> {
                     }
                     entry.measurement.extend(
                         self.opened,
-                        &*entry.ready.estimator,
+                        &*entry.built.estimator,
                         Some(&self.baseline),
                         picture + 1,
                         &self.covered,
@@ -267,7 +267,7 @@ impl<'a> Contest<'a> {
     pub fn scores(&self, index: usize) -> Vec<f64> {
         let entry = &self.entries[index];
         let seconds = self.baseline.sample_seconds * f64::from(entry.measurement.samples);
-        let (prepared, total) = (entry.ready.prepared, self.arguments.render_seconds);
+        let (prepared, total) = (entry.built.prepared, self.arguments.render_seconds);
         // Each error is paired with its own time, so that intervals include the variation of times.
         let pictures = entry.measurement.errors().into_iter().zip(entry.measurement.time_ratios());
         pictures.map(|(error, ratio)| at_time(error, ratio * seconds, prepared, total)).collect()
@@ -286,7 +286,7 @@ impl<'a> Contest<'a> {
     /// Returns the best entry that draws one direction, dropped or not. Several directions gain about equally
     /// much with every sampler, so a further source must win against these.
     pub(super) fn best_of_one(&self) -> Option<usize> {
-        self.least_of(|entry| entry.is_allowed && draws_one(&entry.ready.spec))
+        self.least_of(|entry| entry.is_allowed && draws_one(&entry.built.spec))
     }
 
     fn least_of(&self, is: impl Fn(&Entry) -> bool) -> Option<usize> {
@@ -298,15 +298,15 @@ impl<'a> Contest<'a> {
     /// # Errors
     /// If nothing could be measured.
     pub fn choose(&self) -> Result<Choice> {
-        let standing = |(index, entry): (usize, &Entry)| Standing {
+        let summary = |(index, entry): (usize, &Entry)| CandidateSummary {
             scores: self.scores(index),
             is_allowed: entry.is_allowed,
             is_in: entry.is_in,
             is_prepared: entry.recipe.is_prepared(),
-            bytes: entry.ready.bytes,
+            bytes: entry.built.bytes,
         };
-        let standings: Vec<Standing> = self.entries.iter().enumerate().map(standing).collect();
-        choose(&standings).context("no candidate could be measured")
+        let summaries: Vec<CandidateSummary> = self.entries.iter().enumerate().map(summary).collect();
+        choose(&summaries).context("no candidate could be measured")
     }
 
     /// Renders the first pictures of a sampler outside the contest.
@@ -323,7 +323,7 @@ impl<'a> Contest<'a> {
 
     /// Returns the path of a chosen sampler: its file, or the text that names it.
     pub fn place(&self, role: &str, entry: &Entry) -> PathBuf {
-        match entry.ready.spec.path() {
+        match entry.built.spec.path() {
             Some(_) => self.arguments.out.join(format!("{role}.safetensors")),
             None => self.arguments.out.join(role),
         }
@@ -331,7 +331,7 @@ impl<'a> Contest<'a> {
 
     /// Writes the SPEC for `--sampler`, and copies the file.
     pub fn write_choice(&self, role: &str, entry: &Entry) -> Result<()> {
-        let spec = &entry.ready.spec;
+        let spec = &entry.built.spec;
         let mut text = spec.to_string();
         if let Some((_, path)) = spec.path() {
             let copy = self.place(role, entry);
@@ -355,12 +355,12 @@ impl<'a> Contest<'a> {
 
     /// Returns the preparation of an entry in seconds, and its file's bytes.
     pub fn cost(&self, index: usize) -> (f64, u64) {
-        (self.entries[index].ready.prepared, self.entries[index].ready.bytes)
+        (self.entries[index].built.prepared, self.entries[index].built.bytes)
     }
 
     /// Returns the SPEC for `--sampler`.
     pub fn spec(&self, index: usize) -> String {
-        self.entries[index].ready.spec.to_string()
+        self.entries[index].built.spec.to_string()
     }
 }
 

@@ -16,11 +16,11 @@ use headtail_train::learned_bake;
 use super::candidates::{Candidate, HeadMaterial, HeadShape, Recipe};
 use crate::{
     bake,
-    run::{self, RunTable, Surroundings},
+    run::{self, RunContext, RunTable},
 };
 
-/// A sampler that is ready to render.
-pub struct Ready {
+/// A sampler, built and ready to render.
+pub struct BuiltSampler {
     /// SPEC for `--sampler`.
     pub spec: SamplerSpec,
     /// Estimator of the SPEC.
@@ -35,14 +35,14 @@ pub struct Ready {
 ///
 /// # Errors
 /// If it cannot be trained, baked, written or opened.
-pub fn ready(
+pub fn build(
     candidate: &Candidate,
     env: &str,
     opened: &OpenedView,
     material: &HeadMaterial,
     folder: &Path,
     stop: &AtomicBool,
-) -> Result<Ready> {
+) -> Result<BuiltSampler> {
     let start = Instant::now();
     let spec = match &candidate.recipe {
         Recipe::Plain(spec) => spec.parse()?,
@@ -69,13 +69,13 @@ pub fn ready(
     let estimator = opened.estimator(&spec)?;
     let prepared = start.elapsed().as_secs_f64();
     let bytes = spec.path().map_or(Ok(0), |(_, file)| std::fs::metadata(file).map(|data| data.len()));
-    Ok(Ready { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })
+    Ok(BuiltSampler { bytes: bytes.with_context(|| candidate.name.clone())?, spec, estimator, prepared })
 }
 
 /// Returns an untrained head, for timing its samples.
 ///
 /// # Errors
-/// As [`ready`].
+/// As [`build`].
 pub fn untrained(
     shape: &HeadShape,
     env: &str,
@@ -83,12 +83,12 @@ pub fn untrained(
     material: &HeadMaterial,
     out: &Path,
     stop: &AtomicBool,
-) -> Result<Ready> {
+) -> Result<BuiltSampler> {
     let start = Instant::now();
     let settings = format!("{}\nvalidation_conditions = 1\nvalidation_strata = 2", shape.settings);
     let spec = trained(&settings, 1, env, material, &out.join("untrained").join(file_stem(shape.name)), stop)?;
     let estimator = opened.estimator(&spec)?;
-    Ok(Ready { spec, estimator, prepared: start.elapsed().as_secs_f64(), bytes: 0 })
+    Ok(BuiltSampler { spec, estimator, prepared: start.elapsed().as_secs_f64(), bytes: 0 })
 }
 
 /// Trains a head with these settings over the fast preset.
@@ -105,7 +105,7 @@ fn trained(
     table.insert("steps".into(), (steps as i64).into());
     let mut table = RunTable::new("the settings of a head", table)?;
     table.set_env(env.to_owned());
-    let around = Surroundings {
+    let context = RunContext {
         out: out.to_owned(),
         references: out.join("references"),
         tensorboard: None,
@@ -114,7 +114,7 @@ fn trained(
         stop,
         watch: &mut |_| {},
     };
-    let finished = run::perform(&table.resolve()?, around)?;
+    let finished = run::perform(&table.resolve()?, context)?;
     finished.sampler.context("a head without a file")
 }
 

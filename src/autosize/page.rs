@@ -10,7 +10,7 @@ use super::{choice::Choice, contest::Contest};
 use crate::report::{
     chart::{
         Extent,
-        pareto::{FRONT, Place, scatter},
+        pareto::{FRONT, MeasuredSampler, scatter},
     },
     kind::Look,
     number::{duration, ends},
@@ -110,9 +110,9 @@ fn page(
     };
     let shown = || records.iter().filter(|record| record.pictures > 1);
     let looks = Look::of_all(shown().map(|record| record.sampler.as_str()));
-    let places: Vec<Place> = shown()
+    let samplers: Vec<MeasuredSampler> = shown()
         .zip(looks)
-        .map(|(record, look)| Place {
+        .map(|(record, look)| MeasuredSampler {
             name: name(record),
             look,
             time: Extent::exact(1e3 * record.sample_seconds),
@@ -140,7 +140,7 @@ fn page(
         section {
             h2 { "Error against time" }
             figure {
-                (scatter("candidates", &places, titles).html())
+                (scatter("candidates", &samplers, titles).html())
                 figcaption.note {
                     "A sample of every pixel: its time, and the mean squared error of trial pictures times their samples, with the 95\u{a0}% interval over \
                      pictures. Preparation is not in it. " (FRONT)

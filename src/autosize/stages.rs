@@ -1,6 +1,6 @@
 //! Progress of a contest: its stages, and the approximate fraction of time that each takes.
 
-use crate::progress::{Bar, SHARES, bar};
+use crate::progress::{Bar, FRACTION_UNITS, bar};
 
 /// A part of the contest.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -39,7 +39,7 @@ pub struct Stages {
 impl Stages {
     /// Returns a bar before the first stage.
     pub fn new() -> Self {
-        Self { bar: bar(SHARES, "autosize"), stage: Stage::Plain }
+        Self { bar: bar(FRACTION_UNITS, "autosize"), stage: Stage::Plain }
     }
 
     /// Begins a stage with the number of remaining candidates.
@@ -50,8 +50,8 @@ impl Stages {
     }
 
     /// Shows the fraction of the stage that is done, in [0, 1].
-    pub fn within(&self, share: f64) {
-        self.bar.shares()(self.stage.part(share));
+    pub fn within(&self, fraction: f64) {
+        self.bar.fraction_setter()(self.stage.part(fraction));
     }
 }
 
@@ -75,11 +75,11 @@ impl Stage {
     }
 
     /// Converts a fraction of this stage to a fraction of the whole time.
-    fn part(self, share: f64) -> f64 {
+    fn part(self, fraction: f64) -> f64 {
         let mut begin = 0.0;
         for (stage, end) in ENDS {
             if stage == self {
-                return begin + share.clamp(0.0, 1.0) * (end - begin);
+                return begin + fraction.clamp(0.0, 1.0) * (end - begin);
             }
             begin = end;
         }

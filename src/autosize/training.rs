@@ -136,9 +136,9 @@ impl Contest<'_> {
     /// Whether a head of this shape would be behind even if it were perfect; its time per sample is that of
     /// an untrained one.
     fn is_too_slow(&self, shape: &HeadShape, perfect: f64, stop: &AtomicBool) -> Result<bool> {
-        let ready = untrained(shape, &self.view.env, self.opened, &self.material, &self.arguments.out, stop)?;
-        let measurement = self.trial(&*ready.estimator);
-        Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, ready.prepared))
+        let built = untrained(shape, &self.view.env, self.opened, &self.material, &self.arguments.out, stop)?;
+        let measurement = self.trial(&*built.estimator);
+        Ok(self.is_out_of_reach(self.sample_seconds(&measurement), perfect, built.prepared))
     }
 
     /// Bakes the head with the lowest error, if a table of its error at the speed of other tables would win.
@@ -149,7 +149,7 @@ impl Contest<'_> {
         let tables = self.entries.iter().filter(|entry| matches!(entry.recipe, Recipe::Direct(..)));
         let times = tables.map(|table| self.sample_seconds(&table.measurement));
         let time = times.fold(self.sample_seconds(&self.entries[least].measurement), f64::min);
-        if self.is_out_of_reach(time, error(least) / error(best), self.entries[least].ready.prepared) {
+        if self.is_out_of_reach(time, error(least) / error(best), self.entries[least].built.prepared) {
             return Ok(None);
         }
         self.enter(baked(shape, steps), stop)
@@ -157,7 +157,7 @@ impl Contest<'_> {
 
     /// Whether a head could win after `factor` times its preparation.
     fn can_win(&self, index: usize, factor: f64, perfect: f64) -> bool {
-        let prepared = factor * self.entries[index].ready.prepared;
+        let prepared = factor * self.entries[index].built.prepared;
         let limit = self.arguments.prepare_seconds.min(self.arguments.render_seconds);
         prepared < limit && self.can_gain(index, LONGER_GAINS, factor, perfect)
     }
@@ -167,9 +167,9 @@ impl Contest<'_> {
     fn can_gain(&self, index: usize, gain: f64, factor: f64, perfect: f64) -> bool {
         let Some(best) = self.best_of_one() else { return true };
         let entry = &self.entries[index];
-        let share = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / gain;
+        let ratio = mean(&entry.measurement.errors()) / mean(&self.entries[best].measurement.errors()) / gain;
         let seconds = self.sample_seconds(&entry.measurement);
-        !self.is_out_of_reach(seconds, share.max(perfect), factor * entry.ready.prepared)
+        !self.is_out_of_reach(seconds, ratio.max(perfect), factor * entry.built.prepared)
     }
 
     fn shape(&self, index: usize) -> Option<&'static HeadShape> {
@@ -192,7 +192,7 @@ impl Contest<'_> {
     /// Returns the error of the exact product relative to that of the best sampler of one direction so far,
     /// at equal samples: the possible gain of a better density. The exact product takes milliseconds per
     /// sample, so a small picture is used.
-    pub(super) fn perfect_share(&self) -> Result<f64> {
+    pub(super) fn perfect_ratio(&self) -> Result<f64> {
         const SIDE: u32 = 20;
         const PICTURES: usize = 2;
         let Some(best) = self.best_of_one() else { return Ok(0.0) };
@@ -205,8 +205,8 @@ impl Contest<'_> {
             mean(&measurement.errors())
         };
         let oracle = SamplerSpec::oracle().build(&opened.environment)?;
-        let share = error(&*oracle) / error(&*self.entries[best].ready.estimator);
-        detail!("autosize: the exact product has {share:.2} times the error of {}", self.entries[best].name);
-        Ok((PERFECT_SLACK * share).min(1.0))
+        let ratio = error(&*oracle) / error(&*self.entries[best].built.estimator);
+        detail!("autosize: the exact product has {ratio:.2} times the error of {}", self.entries[best].name);
+        Ok((PERFECT_SLACK * ratio).min(1.0))
     }
 }

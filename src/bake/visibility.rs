@@ -83,8 +83,8 @@ impl Arguments {
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);
         let before_seconds = before.as_ref().map_or(Some(0.0), |before| before.seconds);
         let stop = progress::stop_flag()?;
-        let bar = progress::bar(progress::SHARES, "learning");
-        let show = bar.shares();
+        let bar = progress::bar(progress::FRACTION_UNITS, "learning");
+        let show = bar.fraction_setter();
         let mut learned = learn_visibility(opened.view(), &estimator, before, (self.spp, seed), &stop, &show);
         bar.finish_and_clear();
         ensure!(learned.cells() > 0, "the camera sees no surface of {}", opened.scene_name());

@@ -179,8 +179,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         without_object: false,
     };
     announce(composition, settings);
-    let bar = progress::bar(progress::SHARES, "compositing");
-    let film = compose(composition, settings, &stop, &bar.shares());
+    let bar = progress::bar(progress::FRACTION_UNITS, "compositing");
+    let film = compose(composition, settings, &stop, &bar.fraction_setter());
     bar.finish_and_clear();
     check_sight(&film)?;
     let mask = Mask::of(&film, arguments.mask);
@@ -208,8 +208,8 @@ fn announce(composition: Composition<'_>, settings: Settings) {
     let (width, height) = ((settings.width / TRIAL).max(1), (settings.height / TRIAL).max(1));
     let trial = compose(composition, Settings { width, height, spp: 1, ..settings }, &AtomicBool::new(false), &|_| {});
     let samples = |width: usize, height: usize, spp: u32| (width * height) as f64 * f64::from(spp);
-    let share = samples(settings.width, settings.height, settings.spp) / samples(width, height, 1);
-    let seconds = trial.seconds * share;
+    let ratio = samples(settings.width, settings.height, settings.spp) / samples(width, height, 1);
+    let seconds = trial.seconds * ratio;
     if seconds >= LONG {
         note!("compositing will take about {}", duration(seconds));
     }

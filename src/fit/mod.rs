@@ -14,7 +14,7 @@ use crate::terminal::{self, out, say, warning};
 use crate::{
     output::OutputFolder,
     progress::{self, TrainingBar},
-    run::{self, Surroundings},
+    run::{self, RunContext},
 };
 
 /// Trains, exports and measures.
@@ -40,14 +40,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let checkpoints = described.checkpoints.as_ref().map(|checkpoints| &checkpoints.folder);
     let others = [arguments.pictures.as_ref(), arguments.tensorboard.as_ref(), checkpoints];
     let others =
-        others.into_iter().flatten().filter(|folder| **folder != out).map(|folder| OutputFolder::share(folder));
+        others.into_iter().flatten().filter(|folder| **folder != out).map(|folder| OutputFolder::take_any(folder));
     let _others = others.collect::<Result<Vec<_>>>()?;
     output.begin(&[])?;
     for name in run::RESULTS {
         output.file(name)?;
     }
     let bar = TrainingBar::new("training");
-    let around = Surroundings {
+    let context = RunContext {
         references: out.join("references"),
         out: out.clone(),
         tensorboard: arguments.tensorboard.clone(),
@@ -56,7 +56,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         stop: &stop,
         watch: &mut shown_on(&bar),
     };
-    let finished = run::perform(&described, around)?;
+    let finished = run::perform(&described, context)?;
     bar.finish_and_clear();
     let (summary, before, after) = (&finished.summary, finished.summary.initial, finished.summary.divergence);
     let untrained = match described.fit.over {

@@ -19,7 +19,7 @@ use headtail_render::{
 pub struct Arguments {
     /// Position on a neural material, in tiles.
     #[arg(long, value_name = "U,V", default_value = "0.5,0.5", allow_hyphen_values = true)]
-    place: Place,
+    place: TexelPosition,
     /// Level of a neural material's textures.
     /// 0 is the finest; each further level has twice the footprint.
     #[arg(long, value_name = "LEVEL", default_value_t = 0.0, value_parser = level)]
@@ -28,9 +28,9 @@ pub struct Arguments {
 
 /// A position in tiles.
 #[derive(Clone, Copy, Debug)]
-pub struct Place(Vec2);
+pub struct TexelPosition(Vec2);
 
-impl FromStr for Place {
+impl FromStr for TexelPosition {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {

@@ -4,10 +4,12 @@
 //! | --- | --- |
 //! | `tails.rs`, `discontinuities.rs` | `--tail`; discontinuities of a tail |
 //! | `visibility.rs` | `--visibility` |
+//! | `portals.rs` | `--portals` |
 //! | `cloth.rs` | `--place`: a point of a neural material |
 
 mod cloth;
 mod discontinuities;
+mod portals;
 pub mod tails;
 mod visibility;
 
@@ -47,13 +49,14 @@ use crate::terminal::{self, out};
   headtail inspect out/cloth/sampler.safetensors --material neural:checkpoints/welt.safetensors --place 0.3,0.7 --out out/cloth.svg
   headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.svg
   headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.svg
+  headtail inspect --portals --scene bedroom --out out/portals.py
 
 A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target \
 and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// File written by fit or bake.
-    #[arg(required_unless_present = "tail")]
+    #[arg(required_unless_present_any = ["tail", "portals"])]
     file: Option<PathBuf>,
     /// Draw and measure the tails of --env.
     /// Includes the flow tail of the file, if it has one.
@@ -61,8 +64,13 @@ pub struct Arguments {
     tail: bool,
     /// Draw a file of bake --visibility.
     /// Its cells in false colours and, for one pixel, the map by learned and by traced visibility.
-    #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail")]
+    #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail", group = "of_scene")]
     visibility: bool,
+    /// Find the windows and doors of --scene, for other renderers.
+    /// Rectangles through which the light of the environment enters the room of the camera: as glTF nodes, as USD
+    /// portal lights or as a script for Blender.
+    #[arg(long, requires = "scene", conflicts_with_all = ["tail", "visibility", "file"], group = "of_scene")]
+    portals: bool,
     /// Map for --tail and --visibility.
     /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
@@ -81,8 +89,8 @@ pub struct Arguments {
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with = "visibility")]
     json: bool,
-    /// SVG file to write.
-    #[arg(long, value_name = "FILE.svg")]
+    /// SVG file to write; for --portals a .gltf, .usda or .py file.
+    #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
     cloth: cloth::Arguments,
@@ -101,11 +109,15 @@ struct Figures {
     relative_variance: f64,
     integral: f64,
     /// Learned weight of the head in the mixture with BRDF sampling, if there is one.
-    share: Option<f32>,
+    mixture_weight: Option<f32>,
 }
 
 /// Draws the picture.
 pub fn run(arguments: &Arguments) -> Result<()> {
+    if arguments.portals {
+        let (scene, camera) = arguments.scene.open()?;
+        return portals::inspect(&scene, &camera, &arguments.out, arguments.json);
+    }
     let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg");
     ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());
     let output = OutputFile::take(&arguments.out)?;
@@ -149,8 +161,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of q {:.5}",
         figures.kl, figures.relative_variance, figures.integral
     );
-    if let Some(share) = figures.share {
-        facts += &format!(", {:.0} % of samples from the head", 100.0 * share);
+    if let Some(mixture_weight) = figures.mixture_weight {
+        facts += &format!(", {:.0} % of samples from the head", 100.0 * mixture_weight);
     }
     write(&output, &densities("densities", &[title.clone(), facts.clone()], &panels, panels.len())?)?;
     if arguments.json {
@@ -159,7 +171,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "kl": figures.kl,
             "relative_variance": figures.relative_variance,
             "integral": figures.integral,
-            "share": figures.share,
+            "share": figures.mixture_weight,
             "picture": arguments.out.display().to_string(),
         }))?;
     } else {
@@ -238,8 +250,8 @@ fn intermediate_density<'a>(
                 condition => condition.encode(at.wo.into(), normal.into(), at.one_of(table).lobe_width()),
             };
             let head_at = head.at(&condition[..head.condition().length()])?;
-            let share = head.has_share().then(|| head_at.share());
-            (Box::new(move |y| head_at.invert(y).into_iter().map(|(_, density)| density).collect()), share)
+            let mixture_weight = head.has_mixture_weight().then(|| head_at.mixture_weight());
+            (Box::new(move |y| head_at.invert(y).into_iter().map(|(_, density)| density).collect()), mixture_weight)
         }
         Intermediate::Bake(table) | Intermediate::DirectBake(table) => {
             (Box::new(move |y| table.density_at(normal, y)), None)
@@ -248,7 +260,7 @@ fn intermediate_density<'a>(
 }
 
 fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) -> Result<([Panel; 3], Figures)> {
-    let (density, share) = intermediate_density(exported, at, table)?;
+    let (density, mixture_weight) = intermediate_density(exported, at, table)?;
     let surface = at.one_of(table);
     let points: Vec<Vec2> = (0..WIDTH * HEIGHT)
         .map(|k| Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32))
@@ -259,7 +271,7 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) ->
     // sampling.
     let mixed = |q: f32, light: f32, brdf: f32| {
         let pdf = q * light;
-        share.map_or(pdf, |share| share * pdf + (1.0 - share) * brdf)
+        mixture_weight.map_or(pdf, |mixture_weight| mixture_weight * pdf + (1.0 - mixture_weight) * brdf)
     };
 
     // Through an exact tail, the target over Y is BRDF x cosine alone; with another tail, some light remains.
@@ -290,8 +302,11 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) ->
         target.push(exported.tail.light().density(x) * factor * f / mean as f32);
         last.push(mixed(if slope > 0.0 { q } else { 0.0 }, slope * factor, brdf));
     }
-    let title =
-        if share.is_some() { "final: pdf of the mixture with BRDF sampling" } else { "final: pdf of the sampler" };
+    let title = if mixture_weight.is_some() {
+        "final: pdf of the mixture with BRDF sampling"
+    } else {
+        "final: pdf of the sampler"
+    };
     let panel = |title, values: &[f32], sides, unit| {
         Panel::density(title, (values, WIDTH), sides, (Scale::of(values, DECADES), unit))
     };
@@ -300,5 +315,5 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) ->
         panel("intermediate: q(y), over the square Y", &intermediate, Sides::Square, "per unit of Y")?,
         panel(title, &last, Sides::Sphere, "per sr")?,
     ];
-    Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, share }))
+    Ok((panels, Figures { kl, relative_variance: squares - 1.0, integral, mixture_weight }))
 }

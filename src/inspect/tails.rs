@@ -132,7 +132,8 @@ fn neighbours(tail: &Tail) -> (f64, f64) {
     }
     jumps.retain(|jump| jump.is_finite());
     jumps.sort_by(f64::total_cmp);
-    let pick = |share: f64| jumps.get(((jumps.len() - 1) as f64 * share) as usize).map_or(f64::NAN, |jump| jump.exp());
+    let pick =
+        |fraction: f64| jumps.get(((jumps.len() - 1) as f64 * fraction) as usize).map_or(f64::NAN, |jump| jump.exp());
     (pick(1.0), pick(0.99))
 }
 

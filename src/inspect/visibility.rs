@@ -11,7 +11,7 @@ use headtail_render::{
     latlong,
     patches::{Detail, PatchSampler},
     sampler::EnvironmentLight,
-    scene::Scene,
+    scene::{Camera, Scene},
     tail::TailKind,
     tile::ShadingPoint,
     visibility::{PrecomputedVisibility, SceneVisibility},
@@ -33,12 +33,12 @@ const HIDDEN: (f32, Vec3) = (0.08, Vec3::new(0.02, 0.03, 0.10));
 /// Upper bound of the displayed radiance, relative to the mean.
 const BRIGHTEST: f32 = 6.0;
 
-/// Arguments of `--visibility`.
+/// Arguments of `--visibility` and `--portals`.
 #[derive(Args)]
-#[command(next_help_heading = "For --visibility")]
+#[command(next_help_heading = "For --visibility and --portals")]
 pub struct Arguments {
-    /// Scene of the visibility: built-in, or a glTF 2.0 file.
-    #[arg(long, value_name = "NAME|FILE", requires = "visibility", value_parser = given::<String>())]
+    /// Scene: built-in, or a glTF 2.0 file.
+    #[arg(long, value_name = "NAME|FILE", requires = "of_scene", value_parser = given::<String>())]
     scene: Option<String>,
     /// Add the ground plane, if it was present in training.
     #[arg(long, requires = "visibility")]
@@ -50,12 +50,20 @@ pub struct Arguments {
     camera: CameraArguments,
 }
 
+impl Arguments {
+    /// Opens the scene and the camera.
+    pub fn open(&self) -> Result<(Scene, Camera)> {
+        let scene = open_scene(self.scene.as_deref().context("--scene: name the scene")?, true)?;
+        let camera = self.camera.open(&scene)?;
+        Ok((scene, camera))
+    }
+}
+
 /// Draws the cells in false colours and, for one pixel, the map by learned and by traced visibility; also
 /// returns a summary in words.
 pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, String)> {
     let environment = open_environment(map)?;
-    let mut scene = open_scene(arguments.scene.as_deref().context("--scene: name the scene")?, true)?;
-    let camera = arguments.camera.open(&scene)?;
+    let (mut scene, camera) = arguments.open()?;
     if arguments.ground {
         scene.add_ground();
     }

@@ -14,12 +14,12 @@ use headtail_render::{
 use headtail_train::{FitConfig, Loss, Preset, Viewpoints, build_target};
 
 use super::{
-    Workshop,
+    PaperContext,
     effort::Effort,
     figure::{heading, note},
     fits::short_name,
     measure::{Bench, Entry, mean},
-    part::{Made, Part},
+    part::{Part, PartOutput},
 };
 use crate::{
     cost,
@@ -50,13 +50,13 @@ const MICROFACET: Column = Column { name: "microfacet", scene: "droid", paper: [
 const NEURAL: Column = Column { name: "neural material", scene: "bedroom", paper: [1.320, 0.896, 0.739, 0.323, 0.269] };
 
 /// The section.
-pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
-    let Effort { cosine_steps, ggx_steps, flow_steps, .. } = workshop.effort;
+pub fn section(context: &PaperContext) -> (String, Vec<Part>) {
+    let Effort { cosine_steps, ggx_steps, flow_steps, .. } = context.effort;
     let mut intro = format!(
         "<p class=\"note\">Every variant of a column is trained alike: {cosine_steps} steps of the cosine head, {ggx_steps} of the others, K = 32 bins, forward KL, no share beside BRDF sampling; the flow tail has {flow_steps} steps. The rows add to each other from \
          the flow tail on. Scenes, maps and lengths of training differ from the paper's: what can be compared is how many times lower the error is than that of the naive flow.</p>\n"
     );
-    let fabric = workshop.data.fabric();
+    let fabric = context.data.fabric();
     if fabric.is_none() {
         intro += "<p class=\"incomplete\"><b>The column of the neural material is missing.</b> It needs DATA/nbrdf/nbrdf_all.f32.</p>\n";
     }
@@ -66,10 +66,10 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
         fabric.map(|fabric| (NEURAL, fabric)),
     ];
     let part = |(column, material): (Column, MaterialSpec)| {
-        let cost = 5.0 * cost::training(&variants(workshop, &material)[0])
+        let cost = 5.0 * cost::training(&variants(context, &material)[0])
             + cost::flow_tail(flow_steps)
-            + workshop.effort.rendering(workshop.effort.reference_spp + 5 * SPP * workshop.effort.runs);
-        Part::new(column.name, cost, move |workshop| ablate(workshop, column, &material))
+            + context.effort.rendering(context.effort.reference_spp + 5 * SPP * context.effort.runs);
+        Part::new(column.name, cost, move |context| ablate(context, column, &material))
     };
     (intro, columns.into_iter().flatten().map(part).collect())
 }
@@ -99,11 +99,11 @@ fn tails(environment: &Environment, flow: Option<&Tail>, ratio: f64) -> Result<S
 
 /// The configurations of the variants, in the order of [`VARIANTS`]. For materials that need no encoder, the
 /// fourth equals the third.
-fn variants(workshop: &Workshop, material: &MaterialSpec) -> [FitConfig; 5] {
-    let mut plain = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..workshop.heads.config(material) };
+fn variants(context: &PaperContext, material: &MaterialSpec) -> [FitConfig; 5] {
+    let mut plain = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..context.heads.config(material) };
     plain.head.bins = 32;
     plain.head.encoder = None;
-    plain.flow.steps = workshop.effort.flow_steps;
+    plain.flow.steps = context.effort.flow_steps;
     let flow = FitConfig { tail: TailKind::Flow, ..plain.clone() };
     let mut encoded = flow.clone();
     if !material.is_lambert() {
@@ -114,14 +114,14 @@ fn variants(workshop: &Workshop, material: &MaterialSpec) -> [FitConfig; 5] {
 }
 
 /// One column of the table: the MSE of a rendering with each variant.
-fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let view = workshop.data.view(column.scene, &material.to_string())?;
-    let bench = Bench::new(workshop, &view, environment.clone())?;
-    let configs = variants(workshop, material);
-    let exact = workshop.heads.tail(&configs[1], &environment)?;
+fn ablate(context: &PaperContext, column: Column, material: &MaterialSpec) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let view = context.data.view(column.scene, &material.to_string())?;
+    let bench = Bench::new(context, &view, environment.clone())?;
+    let configs = variants(context, material);
+    let exact = context.heads.tail(&configs[1], &environment)?;
     // The table of a flow that is far from convergence can be rejected.
-    let (smooth, refused) = match workshop.heads.tail(&configs[2], &environment) {
+    let (smooth, refused) = match context.heads.tail(&configs[2], &environment) {
         Ok(tail) => (Some(tail), String::new()),
         Err(error) if error.is::<Interrupted>() => return Err(error),
         Err(error) => {
@@ -131,7 +131,7 @@ fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Resul
     let mut rows: Vec<Vec<Cell>> = Vec::new();
     let mut errors = [f64::NAN; VARIANTS.len()];
     for (k, config) in configs.iter().enumerate() {
-        workshop.check()?;
+        context.check()?;
         if column.paper[k].is_nan() {
             continue;
         }
@@ -142,13 +142,13 @@ fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Resul
             rows.push(missing.into_iter().chain(paper).collect());
             continue;
         };
-        let entries = [Entry::new("variant", train(workshop, config, tail, &environment)?)];
+        let entries = [Entry::new("variant", train(context, config, tail, &environment)?)];
         let (measured, _) = bench.measure(&entries, &[SPP], SPP)?;
         errors[k] = mean(&measured, "variant", SPP).0;
         let own = [Cell::text(VARIANTS[k]), Cell::number(errors[k]), Value::Times(errors[0] / errors[k]).into()];
         rows.push(own.into_iter().chain(paper).collect());
     }
-    let mut made = Made::of(heading(&format!(
+    let mut output = PartOutput::of(heading(&format!(
         "{}: {} under {}, {}",
         column.name,
         view.name,
@@ -156,27 +156,27 @@ fn ablate(workshop: &Workshop, column: Column, material: &MaterialSpec) -> Resul
         short_name(material)
     )));
     let table = format!("ablation-{}", column.name.replace(' ', "-"));
-    made.table(
+    output.table(
         &table,
         &["MSE at 4 spp", "ours", "lower than naive", "the paper's", "the paper's, lower than naive"],
         rows,
     );
-    made.html += &refused;
+    output.html += &refused;
     // All columns use the same map, hence the same tails.
     if column.name == COSINE.name {
-        made.html += &tails(&environment, smooth.as_deref(), errors[2] / errors[1])?;
+        output.html += &tails(&environment, smooth.as_deref(), errors[2] / errors[1])?;
     }
-    Ok(made)
+    Ok(output)
 }
 
 fn train(
-    workshop: &Workshop,
+    context: &PaperContext,
     config: &FitConfig,
     tail: &Arc<Tail>,
     environment: &Arc<Environment>,
 ) -> Result<Box<dyn Estimator>> {
     let target = build_target(config, tail, Viewpoints::Sphere)?;
-    let (head, _) = workshop.heads.train(config, &*target)?;
+    let (head, _) = context.heads.train(config, &*target)?;
     if config.naive {
         return Ok(Box::new(SingleSample::new(Covering::new(WithoutTail(head))?, environment.clone())));
     }

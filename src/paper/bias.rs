@@ -15,9 +15,9 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     figure::{Layout, Panel, Strip, heading, note},
-    part::Made,
+    part::PartOutput,
     scenes::baked,
     shot::{Errors, IN_SHADOW, Shot, Truth},
 };
@@ -29,21 +29,21 @@ use crate::report::{
 
 /// Measures the bias of the paper's estimator and of the control variate with nearly product-proportional
 /// samplers.
-pub fn bias(workshop: &Workshop) -> Result<Made> {
-    let shot = Shot::new(workshop, 0)?;
+pub fn bias(context: &PaperContext) -> Result<PartOutput> {
+    let shot = Shot::new(context, 0)?;
     let environment = &shot.environment;
     let backdrop = shot.backdrop();
-    let samplers = samplers(workshop, environment)?;
-    let spp = workshop.effort.mask_spp;
+    let samplers = samplers(context, environment)?;
+    let spp = context.effort.mask_spp;
     let patches = SamplerSpec::patches().build(environment)?;
     let reference = shot.film(&backdrop, &*patches, shot.settings(4 * spp, 77));
-    workshop.check()?;
-    let chooses = shot.chooses_shadow(workshop, &backdrop, &*patches);
+    context.check()?;
+    let chooses = shot.chooses_shadow(context, &backdrop, &*patches);
     let truth = Truth::new(Mask::of(&reference, MaskForm::ControlVariate), &reference, &chooses);
     let (mut panels, mut rows) = (Vec::new(), Vec::new());
     let scale = Scale { top: 0.1, decades: 2.0 };
     for (name, estimator) in &samplers {
-        workshop.check()?;
+        context.check()?;
         let film = shot.film(&backdrop, &**estimator, shot.settings(spp, 5));
         for form in [MaskForm::Paper, MaskForm::ControlVariate] {
             let mask = Mask::of(&film, form);
@@ -60,8 +60,8 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
             ]);
         }
     }
-    let mut made = Made::of(heading("Bias of the paper's estimator"));
-    made.html += &note(&format!(
+    let mut output = PartOutput::of(heading("Bias of the paper's estimator"));
+    output.html += &note(&format!(
         "{} under {}: the absolute error of masks of luminance after {spp} samples per pixel, where noise is small: what is left of \
          the mean visibility is bias. The unbiased form uses the same samples. Mean errors with 95 % intervals over blocks of the shadow's pixels (mask below {IN_SHADOW}), against a control variate of {} samples.",
         escape(&shot.name),
@@ -69,17 +69,17 @@ pub fn bias(workshop: &Workshop) -> Result<Made> {
         4 * spp,
     ));
     let scales = vec![(scale, "absolute error of the mask")];
-    made.strip("bias", &Strip { layout: Layout::Four, panels, scales })?;
-    made.table("mask-bias", &["sampler, form", "mean error in shadow", "root mean square"], rows);
-    Ok(made)
+    output.strip("bias", &Strip { layout: Layout::Four, panels, scales })?;
+    output.table("mask-bias", &["sampler, form", "mean error in shadow", "root mean square"], rows);
+    Ok(output)
 }
 
 /// Samplers that are nearly proportional to light times cosine, and `mis`, which is not.
-fn samplers(workshop: &Workshop, environment: &Arc<Environment>) -> Result<Vec<(&'static str, Box<dyn Estimator>)>> {
+fn samplers(context: &PaperContext, environment: &Arc<Environment>) -> Result<Vec<(&'static str, Box<dyn Estimator>)>> {
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let direct = SingleSample::new(Covering::new(ProductSampler::new(light, table))?, environment.clone());
-    let head = workshop.heads.of(environment, &MaterialSpec::LAMBERT)?.file;
+    let head = context.heads.of(environment, &MaterialSpec::LAMBERT)?.file;
     Ok(vec![
         ("head", SamplerSpec::file(FileKind::Head, head.clone()).build(environment)?),
         ("baked 8\u{d7}8", baked(&head, environment, 8)?),

@@ -13,10 +13,10 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     bias::bias,
     figure::{Layout, Panel, Strip, heading, note},
-    part::{Made, Part},
+    part::{Part, PartOutput},
     passes,
     shot::{Shot, size},
 };
@@ -30,45 +30,45 @@ use crate::{
 const SHOWN: u32 = 64;
 
 /// The section.
-pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
+pub fn section(context: &PaperContext) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">Objects before rectified views of maps, in one pass: photograph, composite and mask (per channel, control variate). The object is lit over up to four \
          surfaces, throws light back, and sees the photograph on the ground. One pass is set against two with MIS, RIS-4 and patches: MSE of the mask of luminance over the pixels of the catcher and over those in shadow (mask below 0.98), and of the composite's pixels on \
          the catcher, with 16 shadow rays per pixel: 16 samples in one pass, or 8 with the object and 8 without. How many times lower than two passes with one-sample MIS stands beside each. Bias is the mean error in the shadow. \
          <span class=\"paper\">The paper shows its composite and gives no figures; its estimator is the form \u{201c}paper\u{201d}.</span></p>\n";
-    let effort = workshop.effort;
-    let (width, height) = size(workshop);
+    let effort = context.effort;
+    let (width, height) = size(context);
     let pixels = (width * height) as f64 / (effort.width * effort.width * 3 / 4) as f64;
     let shot = pixels * effort.rendering(4 * SHOWN + 5 * effort.mask_spp + 3 * effort.runs.min(4) * 32);
     let mut parts: Vec<Part> = (0..3)
         .map(|index| {
-            let name = format!("object {}, {}", index + 1, workshop.data.map_name(index));
-            Part::new(name, shot, move |workshop| composite(workshop, index))
+            let name = format!("object {}, {}", index + 1, context.data.map_name(index));
+            Part::new(name, shot, move |context| composite(context, index))
         })
         .collect();
     let own_shadow = pixels * effort.rendering(passes::OWN_SHADOW * effort.mask_spp);
     parts.push(Part::new("mesh", shot + own_shadow, mesh));
-    let training = cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
+    let training = cost::training(&context.heads.config(&MaterialSpec::LAMBERT));
     parts.push(Part::new("bias", training + pixels * effort.rendering(9 * effort.mask_spp), bias));
     (intro.to_owned(), parts)
 }
 
-fn composite(workshop: &Workshop, index: usize) -> Result<Made> {
-    let shot = Shot::new(workshop, index)?;
+fn composite(context: &PaperContext, index: usize) -> Result<PartOutput> {
+    let shot = Shot::new(context, index)?;
     let estimator = SamplerSpec::patches().build(&shot.environment)?;
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { depth: 4, mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
     let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let stops = automatic_exposure(&shot.photograph.image) + 0.5;
-    let mut made = Made::of(heading(&format!("{} under {}", shot.name, shot.environment.name())));
+    let mut output = PartOutput::of(heading(&format!("{} under {}", shot.name, shot.environment.name())));
     let panels = vec![
         Panel::new(&encode_png(&shot.photograph.image, stops)?, "photograph", ""),
         Panel::new(&encode_png(&layers.composite(), stops)?, "composite", format!("{SHOWN} spp")),
         Panel::new(&codes(&layers.shadow)?, "mask", format!("{SHOWN} spp")),
     ];
-    made.strip(&format!("composite-{index}"), &Strip { layout: Layout::Wide, panels, scales: Vec::new() })?;
-    passes::compare(workshop, &shot, &backdrop, &mut made)?;
-    Ok(made)
+    output.strip(&format!("composite-{index}"), &Strip { layout: Layout::Wide, panels, scales: Vec::new() })?;
+    passes::compare(context, &shot, &backdrop, &mut output)?;
+    Ok(output)
 }
 
 /// A mask as a PNG.
@@ -79,13 +79,13 @@ fn codes(image: &Image) -> Result<Vec<u8>> {
 
 /// A mesh catcher that shadows itself: inserts an object into a rendering of a scene and compares the
 /// composite with a rendering of both.
-fn mesh(workshop: &Workshop) -> Result<Made> {
-    let view = workshop.data.view("temple", "lambert:albedo=0.6")?;
-    let environment = workshop.data.map(1)?;
-    let (name, object) = workshop.data.object(0)?;
+fn mesh(context: &PaperContext) -> Result<PartOutput> {
+    let view = context.data.view("temple", "lambert:albedo=0.6")?;
+    let environment = context.data.map(1)?;
+    let (name, object) = context.data.object(0)?;
     let bounds = object.bounds();
     let object = "lambert:albedo=0.6".parse::<MaterialSpec>()?.dress(object, &bounds)?;
-    let (width, height) = size(workshop);
+    let (width, height) = size(context);
     let camera = view.camera;
     let ground = view.scene.intersect(&camera.ray(0.36 * width as f32, 0.86 * height as f32, width, height));
     let place = ground.context("a scene that fills the lower middle of its picture")?.p;
@@ -100,32 +100,33 @@ fn mesh(workshop: &Workshop) -> Result<Made> {
     let render = |scene: &Scene, seed: u64| {
         let view =
             View { scene, camera: &camera, environment: &environment, width, height, unshadowed: false, depth: 1 };
-        workshop.render(view, &*estimator, workshop.effort.mask_spp, seed).composite()
+        context.render(view, &*estimator, context.effort.mask_spp, seed).composite()
     };
     let (before, after) = (render(&view.scene, 31), render(&both, 32));
-    workshop.check()?;
+    context.check()?;
     let stage = Stage::new(object, Catcher::mesh(Arc::into_inner(view.scene).context("the view is no longer used")?))?;
     let photograph = Photograph::of_radiance(before);
-    let shot = Shot { name, environment: environment.clone(), stage, camera, photograph, stop: workshop.stop.clone() };
+    let shot = Shot { name, environment: environment.clone(), stage, camera, photograph, stop: context.stop.clone() };
     let backdrop = shot.backdrop();
     let film = shot.film(&backdrop, &*estimator, Settings { mask_only: false, ..shot.settings(SHOWN, 3) });
     let mask = Mask::of(&film, MaskForm::ControlVariate);
     let layers = Layers::new(&film, &mask, &shot.photograph, Vec3A::ONE, true);
     let (composite, stops) = (layers.composite(), automatic_exposure(&shot.photograph.image) + 0.5);
     let mse = headtail_render::statistics::ErrorMetrics::of(&composite, &after)?.mse;
-    let mut made = Made::of(heading(&format!("{} on a mesh: {} under {}", shot.name, view.name, environment.name())));
-    made.html += &note(&format!(
+    let mut output =
+        PartOutput::of(heading(&format!("{} on a mesh: {} under {}", shot.name, view.name, environment.name())));
+    output.html += &note(&format!(
         "The photograph is a rendering of the {} under direct light; it is the catcher as it is, a mesh that shadows itself. What the composite should be is a rendering of both.",
         escape(&view.name)
     ));
-    let spp = format!("{} spp", workshop.effort.mask_spp);
+    let spp = format!("{} spp", context.effort.mask_spp);
     let panels = vec![
         Panel::new(&encode_png(&shot.photograph.image, stops)?, "photograph", spp.clone()),
         Panel::new(&encode_png(&composite, stops)?, "composite", format!("{SHOWN} spp, MSE {}", text(mse))),
         Panel::new(&codes(&layers.shadow)?, "mask", ""),
         Panel::new(&encode_png(&after, stops)?, "rendering of both", spp),
     ];
-    made.strip("composite-mesh", &Strip { layout: Layout::Four, panels, scales: Vec::new() })?;
-    passes::compare(workshop, &shot, &backdrop, &mut made)?;
-    Ok(made)
+    output.strip("composite-mesh", &Strip { layout: Layout::Four, panels, scales: Vec::new() })?;
+    passes::compare(context, &shot, &backdrop, &mut output)?;
+    Ok(output)
 }

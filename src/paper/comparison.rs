@@ -14,12 +14,12 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     data::View,
     densities::{self, Models, Surface, with_cross},
     figure::{Layout, Panel, Strip, note},
     measure::{Bench, Entry, EqualTime, mean},
-    part::Made,
+    part::PartOutput,
 };
 use crate::report::{
     self, Measurement,
@@ -52,15 +52,15 @@ pub struct Subject {
 }
 
 /// Renders everything.
-pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<Made> {
+pub fn compare(context: &PaperContext, subject: &Subject, title: String) -> Result<PartOutput> {
     let Subject { view, environment, entries, .. } = subject;
-    let bench = Bench::new(workshop, view, environment.clone())?;
+    let bench = Bench::new(context, view, environment.clone())?;
     let (rows, images) = bench.measure(entries, &[1, SHOWN, TIMED], SHOWN)?;
     let equal = bench.equal_time(entries, &rows, TIMED, SHOWN)?;
     // Pixels of neural materials are preferred for the crop and the densities.
     let chosen = bench.special();
     let crop = Crop::worst(&images[0], &bench.reference, &chosen);
-    let mut made = Made::of(title);
+    let mut output = PartOutput::of(title);
     let mark = bench.nearest(&chosen, crop.left + crop.side / 2, crop.top + crop.side / 2);
     let mark = mark.context("no surface fills a pixel of the view")?;
     let surface = bench.surface_of(mark).context("a surface in a pixel that one fills")?;
@@ -73,27 +73,27 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
     };
     let middle = entries.iter().position(|entry| Some(entry.name.as_str()) == subject.shown);
     let mut panels =
-        vec![Panel::new(&reference, "reference", format!("{} spp", workshop.effort.reference_spp)), whole(0)?];
+        vec![Panel::new(&reference, "reference", format!("{} spp", context.effort.reference_spp)), whole(0)?];
     panels.extend(middle.map(&whole).transpose()?);
     panels.push(whole(entries.len() - 1)?);
     let stem = stem(subject);
     let layout = if panels.len() > 3 { Layout::Four } else { Layout::Wide };
-    made.strip(&format!("pictures-{stem}"), &Strip { layout, panels, scales: Vec::new() })?;
-    made.html +=
+    output.strip(&format!("pictures-{stem}"), &Strip { layout, panels, scales: Vec::new() })?;
+    output.html +=
         &note(&format!("The square at {SHOWN} samples per pixel; errors are of the whole picture and of the square."));
     let errors: Vec<f64> = entries.iter().map(|entry| mean(&rows, &entry.name, SHOWN).0).collect();
     let captions: Vec<String> =
         errors.iter().map(|mse| format!("MSE {}, {}\u{d7}", text(*mse), times(errors[0] / mse))).collect();
     let squares = crops(&bench, crop, entries, &images.iter().collect::<Vec<_>>(), &captions)?;
-    made.strip(&format!("squares-{stem}"), &squares)?;
-    made.html += &note("The same square in equal time: each takes the time of the slowest at 4 samples per pixel.");
+    output.strip(&format!("squares-{stem}"), &squares)?;
+    output.html += &note("The same square in equal time: each takes the time of the slowest at 4 samples per pixel.");
     let captions: Vec<String> = equal
         .iter()
         .map(|own| format!("{} spp, MSE {}, {}\u{d7}", own.spp, text(own.mse), times(equal[0].mse / own.mse)))
         .collect();
     let squares = crops(&bench, crop, entries, &equal.iter().map(|own| &own.image).collect::<Vec<_>>(), &captions)?;
-    made.strip(&format!("squares-{stem}-equal-time"), &squares)?;
-    made.table(
+    output.strip(&format!("squares-{stem}-equal-time"), &squares)?;
+    output.table(
         &format!("numbers-{stem}"),
         &[
             "sampler",
@@ -106,8 +106,8 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
         ],
         numbers(&rows, entries, &equal),
     );
-    charts(&mut made, &rows, &stem, workshop.effort.runs)?;
-    made.html += &note(
+    charts(&mut output, &rows, &stem, context.effort.runs)?;
+    output.html += &note(
         "Densities at the green cross, without shadows; crosses mark the normal (red) and the reflected view (yellow).",
     );
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
@@ -122,16 +122,16 @@ pub fn compare(workshop: &Workshop, subject: &Subject, title: String) -> Result<
         Models { head: heads.map(|[head, _]| head), naive: heads.map(|[_, naive]| naive), samplers: &samplers };
     let at = Surface { point: &surface, brdfs: bench.scene().brdfs() };
     let divergences = densities::row(
-        (&mut made, &format!("densities-{stem}")),
-        workshop.effort.density_rows,
+        (&mut output, &format!("densities-{stem}")),
+        context.effort.density_rows,
         light.tail(),
         at,
         models,
     )?;
     let names: Vec<&str> =
         std::iter::once("KL in nats").chain(divergences.iter().map(|(name, _)| name.as_str())).collect();
-    made.figures(&format!("densities-{stem}"), &names, &[densities::line("green cross", &divergences)]);
-    Ok(made)
+    output.figures(&format!("densities-{stem}"), &names, &[densities::line("green cross", &divergences)]);
+    Ok(output)
 }
 
 /// File name stem of a comparison.
@@ -174,11 +174,11 @@ fn numbers(rows: &[Measurement], entries: &[Entry], equal: &[EqualTime]) -> Vec<
     entries.iter().zip(equal).map(line).collect()
 }
 
-fn charts(made: &mut Made, rows: &[Measurement], stem: &str, runs: u32) -> Result<()> {
+fn charts(output: &mut PartOutput, rows: &[Measurement], stem: &str, runs: u32) -> Result<()> {
     let [mut lines, mut bars] = report::charts(rows)?;
     (lines.name, bars.name) = (format!("error-time-{stem}"), format!("ratios-{stem}"));
     let [lines, bars] = [lines, bars].map(|chart| chart.html().into_string());
-    made.html += &format!(
+    output.html += &format!(
         "<div class=\"charts\">\n<figure>{lines}<figcaption>MSE against rendering time at 1, 4 and 16 samples per pixel, means of {runs} runs.</figcaption></figure>\n\
          <figure>{bars}<figcaption>How many times lower the MSE is than that of the first.</figcaption></figure>\n</div>\n"
     );

@@ -11,11 +11,11 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     figure::heading,
     fits::weights,
     measure::{Bench, Entry, mean},
-    part::{Made, Part},
+    part::{Part, PartOutput},
     scenes::baked,
 };
 use crate::cost;
@@ -27,14 +27,14 @@ const SPP: u32 = 16;
 const GLOSSY: MaterialSpec = MaterialSpec::ggx(0.2, 0.8);
 
 /// The section.
-pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
+pub fn section(context: &PaperContext) -> (String, Vec<Part>) {
     let intro = format!(
         "<p class=\"note\">Training on this machine's processor; files hold the map's luminance besides weights. Times are of whole renderings at {SPP} samples per pixel, camera and \
          shadow rays included. <span class=\"paper\">The paper trains on an NVIDIA A100: 10,000 steps of 256k samples in 20 minutes for both applications (30 minutes for neural materials), less than 5 for the small cosine \
          head with its table, and less than 25 for the flow tail.</span></p>\n"
     );
-    let effort = workshop.effort;
-    let training = |material: &MaterialSpec| cost::training(&workshop.heads.config(material));
+    let effort = context.effort;
+    let training = |material: &MaterialSpec| cost::training(&context.heads.config(material));
     let rendering = effort.rendering(effort.reference_spp.min(512) + effort.runs * 5 * SPP);
     let parts = vec![
         Part::new("models", training(&MaterialSpec::LAMBERT) + training(&GLOSSY), models),
@@ -44,14 +44,14 @@ pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
     (intro, parts)
 }
 
-fn models(workshop: &Workshop) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let cosine = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?;
-    let glossy = workshop.heads.of(&environment, &GLOSSY)?;
+fn models(context: &PaperContext) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let cosine = context.heads.of(&environment, &MaterialSpec::LAMBERT)?;
+    let glossy = context.heads.of(&environment, &GLOSSY)?;
     let size = |path: &std::path::Path| std::fs::metadata(path).map_or(0, |metadata| metadata.len());
     let kilobytes = |bytes: u64| Cell::from(Value::Amount((bytes / 1000) as f64));
     let missing = || Cell::from(Value::Missing);
-    let mut made = Made::default();
+    let mut output = PartOutput::default();
     let rows = vec![
         vec![
             Cell::text("cosine head"),
@@ -78,34 +78,34 @@ fn models(workshop: &Workshop) -> Result<Made> {
             kilobytes(131_072),
         ],
     ];
-    made.table("models", &["model", "weights", "the paper's", "training", "the paper's training", "kB"], rows);
-    Ok(made)
+    output.table("models", &["model", "weights", "the paper's", "training", "the paper's training", "kB"], rows);
+    Ok(output)
 }
 
-fn diffuse(workshop: &Workshop) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let file = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?.file;
+fn diffuse(context: &PaperContext) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let file = context.heads.of(&environment, &MaterialSpec::LAMBERT)?.file;
     let head = SamplerSpec::file(FileKind::Head, file.clone()).build(&environment)?;
     let own = vec![("head", head), ("baked 8\u{d7}8", baked(&file, &environment, 8)?)];
-    timings(workshop, &environment, "temple", "lambert", own)
+    timings(context, &environment, "temple", "lambert", own)
 }
 
-fn glossy(workshop: &Workshop) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let file = workshop.heads.of(&environment, &GLOSSY)?.file;
+fn glossy(context: &PaperContext) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let file = context.heads.of(&environment, &GLOSSY)?.file;
     let own = vec![("head", SamplerSpec::file(FileKind::Head, file).build(&environment)?)];
-    timings(workshop, &environment, "droid", &GLOSSY.to_string(), own)
+    timings(context, &environment, "droid", &GLOSSY.to_string(), own)
 }
 
 fn timings(
-    workshop: &Workshop,
+    context: &PaperContext,
     environment: &Arc<Environment>,
     scene: &str,
     material: &str,
     own: Vec<(&str, Box<dyn Estimator>)>,
-) -> Result<Made> {
-    let view = workshop.data.view(scene, material)?;
-    let bench = Bench::new(workshop, &view, environment.clone())?;
+) -> Result<PartOutput> {
+    let view = context.data.view(scene, material)?;
+    let bench = Bench::new(context, &view, environment.clone())?;
     let mut entries = vec![
         Entry::new("mis", SamplerSpec::mis().build(environment)?),
         Entry::new("ris:4", SamplerSpec::ris(4).build(environment)?),
@@ -125,11 +125,11 @@ fn timings(
             Cell::number(mse),
         ]
     };
-    let mut made = Made::of(heading(&format!("{}, {material}", view.name)));
-    made.table(
+    let mut output = PartOutput::of(heading(&format!("{}, {material}", view.name)));
+    output.table(
         &format!("costs-{scene}"),
         &["sampler", "ns per sample", "of MIS", "MSE"],
         entries.iter().map(line).collect(),
     );
-    Ok(made)
+    Ok(output)
 }

@@ -17,7 +17,7 @@ use headtail_render::{
 
 use super::{
     figure::{Layout, Panel, Strip},
-    part::Made,
+    part::PartOutput,
 };
 use crate::report::{
     chart::Scale,
@@ -150,7 +150,7 @@ pub struct Models<'a> {
 /// Adds a row of pictures with its scales under a file name: the target and the densities of the models.
 /// Returns each model's name and KL divergence from the target in nats.
 pub fn row(
-    (made, name): (&mut Made, &str),
+    (output, name): (&mut PartOutput, &str),
     rows: usize,
     tail: &Tail,
     at: Surface<'_>,
@@ -191,7 +191,7 @@ pub fn row(
         divergences.push((name.to_owned(), kl));
     }
     let layout = if panels.len() > 4 { Layout::Five } else { Layout::Four };
-    made.strip(name, &Strip { layout, panels, scales })?;
+    output.strip(name, &Strip { layout, panels, scales })?;
     Ok(divergences)
 }
 

@@ -12,27 +12,27 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     densities::{self, Models, Surface},
     figure::heading,
-    part::{Made, Part},
+    part::{Part, PartOutput},
 };
 use crate::cost;
 
 /// The section.
-pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
+pub fn section(context: &PaperContext) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">For each map and material, two random conditions: the target (light \u{d7} BRDF \u{d7} cosine), the density that the head gives over the \
          intermediate square, the density of the whole model, and a head of the same size that has to learn the product without a tail. A cross \
          marks the normal (red) and the reflected view (yellow). <span class=\"paper\">The paper shows six maps with one of three materials each, and gives no figures.</span></p>\n";
     let mut parts = Vec::new();
-    for index in 0..workshop.effort.maps.min(workshop.data.map_count()) {
+    for index in 0..context.effort.maps.min(context.data.map_count()) {
         // A measured material is fitted as a network for the map of the other sections.
-        let measured = workshop.data.fabric().filter(|_| index == 0);
+        let measured = context.data.fabric().filter(|_| index == 0);
         for material in materials().into_iter().chain(measured) {
             let cost =
-                cost::training(&workshop.heads.config(&material)) + cost::training(&workshop.heads.naive(&material));
-            let name = format!("{}, {}", workshop.data.map_name(index), short_name(&material));
-            parts.push(Part::new(name, cost, move |workshop| fit(workshop, index, &material)));
+                cost::training(&context.heads.config(&material)) + cost::training(&context.heads.naive(&material));
+            let name = format!("{}, {}", context.data.map_name(index), short_name(&material));
+            parts.push(Part::new(name, cost, move |context| fit(context, index, &material)));
         }
     }
     (intro.to_owned(), parts)
@@ -52,13 +52,13 @@ pub fn short_name(material: &MaterialSpec) -> String {
     name.split_once('#').map_or(name.clone(), |(_, name)| name.to_owned())
 }
 
-fn fit(workshop: &Workshop, index: usize, material: &MaterialSpec) -> Result<Made> {
-    let environment = &*workshop.data.map(index)?;
-    let head = workshop.heads.of(environment, material)?.head;
-    let tail = Tail::of_environment(workshop.heads.config(material).tail, environment)?;
-    let naive = workshop.heads.naive_of(environment, material)?;
+fn fit(context: &PaperContext, index: usize, material: &MaterialSpec) -> Result<PartOutput> {
+    let environment = &*context.data.map(index)?;
+    let head = context.heads.of(environment, material)?.head;
+    let tail = Tail::of_environment(context.heads.config(material).tail, environment)?;
+    let naive = context.heads.naive_of(environment, material)?;
     let name = short_name(material);
-    let mut made = Made::of(heading(&format!("{} \u{b7} {name}", environment.name())));
+    let mut output = PartOutput::of(heading(&format!("{} \u{b7} {name}", environment.name())));
     let stem = format!("fit-{}-{}", environment.name(), name.replace(|c: char| !c.is_ascii_alphanumeric(), "-"));
     let mut random = Stream::new(index as u64, Purpose::Test, 0);
     let mut lines = Vec::new();
@@ -67,11 +67,11 @@ fn fit(workshop: &Workshop, index: usize, material: &MaterialSpec) -> Result<Mad
         let at = Surface { point: &point, brdfs: &brdfs };
         let models = Models { head: Some(&head), naive: Some(&naive), samplers: &[] };
         let divergences =
-            densities::row((&mut made, &format!("{stem}-{letter}")), workshop.effort.density_rows, &tail, at, models)?;
+            densities::row((&mut output, &format!("{stem}-{letter}")), context.effort.density_rows, &tail, at, models)?;
         lines.push(densities::line(format!("condition {letter}"), &divergences));
     }
-    made.figures(&stem, &["KL in nats", "final", "naive"], &lines);
-    Ok(made)
+    output.figures(&stem, &["KL in nats", "final", "naive"], &lines);
+    Ok(output)
 }
 
 /// A random surface whose normal is above the horizon, so that it receives some light.

@@ -7,14 +7,14 @@ pub use headtail_eval::Entry;
 use headtail_eval::{Budget, Measurement, OpenedView, Plan, Reference, ReferencePolicy, Run, measure};
 use headtail_render::{brdf::BrdfTable, environment::Environment, image::Image, scene::Scene, tile::ShadingPoint};
 
-use super::{Workshop, data::View};
+use super::{PaperContext, data::View};
 use crate::exposure;
 
 const METALLIC_ROUGHNESS: u32 = BrdfTable::METALLIC_ROUGHNESS;
 
 /// A view under a map with its reference.
 pub struct Bench<'a> {
-    workshop: &'a Workshop,
+    context: &'a PaperContext,
     name: String,
     view: OpenedView,
     measured_against: Reference,
@@ -28,16 +28,16 @@ pub struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     /// Renders the reference.
-    pub fn new(workshop: &'a Workshop, view: &View, environment: Arc<Environment>) -> Result<Self> {
-        let size = (workshop.effort.width, workshop.effort.width * 3 / 4);
+    pub fn new(context: &'a PaperContext, view: &View, environment: Arc<Environment>) -> Result<Self> {
+        let size = (context.effort.width, context.effort.width * 3 / 4);
         let (name, view) = (view.name.clone(), OpenedView::new(view.scene.clone(), view.camera, environment, size));
-        let policy = ReferencePolicy::new(workshop.effort.reference_spp, 0);
-        let rendered = Reference::render(&view, policy, &workshop.stop, &|_| {});
-        workshop.check()?;
+        let policy = ReferencePolicy::new(context.effort.reference_spp, 0);
+        let rendered = Reference::render(&view, policy, &context.stop, &|_| {});
+        context.check()?;
         let measured_against = rendered?;
         let (reference, measured) = (measured_against.image.clone(), measured_against.covered.clone());
         let exposure = exposure::of_image(&reference, &measured);
-        Ok(Self { workshop, name, view, measured_against, reference, measured, exposure })
+        Ok(Self { context, name, view, measured_against, reference, measured, exposure })
     }
 
     /// Runs every sampler at each number of samples, and returns the first picture of each at `shown`.
@@ -48,7 +48,7 @@ impl<'a> Bench<'a> {
             env: self.view.environment.name().to_owned(),
             material: String::new(),
             budgets: spp.iter().map(|&spp| Budget::Samples(spp)).collect(),
-            runs: self.workshop.effort.runs,
+            runs: self.context.effort.runs,
             seed: 1,
             cache: None,
         };
@@ -59,9 +59,9 @@ impl<'a> Bench<'a> {
             anyhow::Ok(())
         };
         let mut reference = self.measured_against.clone();
-        let stop = &*self.workshop.stop;
+        let stop = &*self.context.stop;
         let rows = measure(&self.view, entries, &mut reference, &plan, (stop, &()), &mut keep)?;
-        self.workshop.check()?;
+        self.context.check()?;
         Ok((rows, images.into_values().collect()))
     }
 }

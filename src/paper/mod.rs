@@ -56,7 +56,7 @@ use self::{
     data::Data,
     effort::Effort,
     heads::Heads,
-    part::{Kept, Part},
+    part::{CachedPart, Part},
 };
 use crate::terminal::{self, note, say};
 use crate::{
@@ -100,14 +100,14 @@ pub struct Arguments {
 }
 
 /// Context of all parts: data, sizes, heads and the stop flag.
-pub struct Workshop {
+pub struct PaperContext {
     data: Data,
     effort: Effort,
     heads: Heads,
     stop: Arc<AtomicBool>,
 }
 
-impl Workshop {
+impl PaperContext {
     /// Renders a view; a signal stops it early.
     fn render(&self, view: View<'_>, estimator: &dyn Estimator, spp: u32, seed: u64) -> Rendering {
         let points = Points::new(PointSet::Sobol, seed);
@@ -132,17 +132,17 @@ struct Section {
     parts: Vec<Part>,
 }
 
-fn sections(workshop: &Workshop) -> Vec<Section> {
+fn sections(context: &PaperContext) -> Vec<Section> {
     let section = |name, title, (intro, parts): (String, Vec<Part>)| Section { name, title, intro, parts };
     vec![
-        section("example", "A product of an image and a Gaussian", two_dimensions::section(workshop)),
-        section("fits", "Fits of maps and materials", fits::section(workshop)),
-        section("cosine", "Cosine-weighted emitter sampling", scenes::cosine(workshop)),
-        section("microfacet", "Microfacet materials", scenes::microfacet(workshop)),
-        section("neural", "Neural materials", neural::section(workshop)),
-        section("catcher", "Shadow-catcher compositing", catcher::section(workshop)),
-        section("ablation", "Ablation", ablation::section(workshop)),
-        section("costs", "Costs", costs::section(workshop)),
+        section("example", "A product of an image and a Gaussian", two_dimensions::section(context)),
+        section("fits", "Fits of maps and materials", fits::section(context)),
+        section("cosine", "Cosine-weighted emitter sampling", scenes::cosine(context)),
+        section("microfacet", "Microfacet materials", scenes::microfacet(context)),
+        section("neural", "Neural materials", neural::section(context)),
+        section("catcher", "Shadow-catcher compositing", catcher::section(context)),
+        section("ablation", "Ablation", ablation::section(context)),
+        section("costs", "Costs", costs::section(context)),
     ]
 }
 
@@ -163,43 +163,43 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let output = OutputFolder::take_for(&arguments.out, &["paper.html"], request)?;
     let folder = arguments.out.join("sections");
     make_folder(&folder)?;
-    Kept::remove_others(&folder, &arguments.out, &stamp)?;
+    CachedPart::remove_others(&folder, &arguments.out, &stamp)?;
     let stop = progress::stop_flag()?;
     let heads = Heads::new(&arguments.out.join("heads"), effort, stop.clone())?;
-    let workshop = Workshop { data, effort, heads, stop };
-    let sections = sections(&workshop);
+    let context = PaperContext { data, effort, heads, stop };
+    let sections = sections(&context);
     let is_wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|text| name.contains(&**text));
     ensure!(sections.iter().any(|section| is_wanted(section.name)), "--only: there is no section of such a name");
-    let known = |section: &Section| -> Vec<Option<Kept>> {
-        section.parts.iter().map(|part| Kept::read(&folder, section.name, &part.name, &stamp)).collect()
+    let known = |section: &Section| -> Vec<Option<CachedPart>> {
+        section.parts.iter().map(|part| CachedPart::read(&folder, section.name, &part.name, &stamp)).collect()
     };
-    let mut page = Page { kept: sections.iter().map(known).collect(), sections };
+    let mut page = Page { cached: sections.iter().map(known).collect(), sections };
     let missing = page.missing(is_wanted);
     page.announce(&missing);
     let cost = |&(k, j): &(usize, usize)| (1000.0 * page.sections[k].parts[j].cost).ceil() as u64;
     let costs: Vec<u64> = missing.iter().map(cost).collect();
     let bar = progress::bar(costs.iter().sum(), "paper");
     let path = output.file("paper.html")?;
-    let write = |page: &Page| file::replace(&path, page.encode(&workshop).as_bytes());
-    let draw = |kept: &Kept| kept.made.drawings.iter().try_for_each(|drawing| drawing.write(&arguments.out));
-    page.kept.iter().flatten().flatten().try_for_each(draw)?;
+    let write = |page: &Page| file::replace(&path, page.encode(&context).as_bytes());
+    let draw = |cached: &CachedPart| cached.made.drawings.iter().try_for_each(|drawing| drawing.write(&arguments.out));
+    page.cached.iter().flatten().flatten().try_for_each(draw)?;
     write(&page)?;
     for (&(k, j), cost) in missing.iter().zip(costs) {
         let (section, part) = (&page.sections[k], &page.sections[k].parts[j]);
         let name = format!("{}: {}", section.name, part.name);
         bar.set_message(&name);
-        let kept = part.make(&workshop, &stamp).with_context(|| name.clone())?;
+        let cached = part.make(&context, &stamp).with_context(|| name.clone())?;
         // A signal stops renderings early; their figures are invalid.
-        workshop.check()?;
-        kept.write(&folder, section.name, &part.name)?;
-        draw(&kept)?;
-        note!("{name}: {}", duration(kept.seconds));
-        page.kept[k][j] = Some(kept);
+        context.check()?;
+        cached.write(&folder, section.name, &part.name)?;
+        draw(&cached)?;
+        note!("{name}: {}", duration(cached.seconds));
+        page.cached[k][j] = Some(cached);
         write(&page)?;
         bar.inc(cost);
     }
     bar.finish_and_clear();
-    let complete = page.kept.iter().filter(|parts| parts.iter().all(Option::is_some)).count();
+    let complete = page.cached.iter().filter(|parts| parts.iter().all(Option::is_some)).count();
     say!(
         "{complete} of {} sections in {}; the page to open is {}",
         page.sections.len(),
@@ -216,22 +216,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 struct Page {
     sections: Vec<Section>,
     /// `[section][part]`.
-    kept: Vec<Vec<Option<Kept>>>,
+    cached: Vec<Vec<Option<CachedPart>>>,
 }
 
 impl Page {
     /// Wanted parts that are missing, as indices of section and part.
     fn missing(&self, is_wanted: impl Fn(&str) -> bool) -> Vec<(usize, usize)> {
-        let sections = self.sections.iter().zip(&self.kept).enumerate();
+        let sections = self.sections.iter().zip(&self.cached).enumerate();
         let wanted = sections.filter(|(_, (section, _))| is_wanted(section.name));
-        wanted.flat_map(|(k, (_, kept))| (0..kept.len()).filter(|&j| kept[j].is_none()).map(move |j| (k, j))).collect()
+        wanted
+            .flat_map(|(k, (_, cached))| (0..cached.len()).filter(|&j| cached[j].is_none()).map(move |j| (k, j)))
+            .collect()
     }
 
     /// Logs the number of missing parts and an estimate of their time on idle cores.
     fn announce(&self, missing: &[(usize, usize)]) {
         let threads = rayon::current_num_threads();
         let seconds: f64 = missing.iter().map(|&(k, j)| self.sections[k].parts[j].cost).sum();
-        let all: usize = self.kept.iter().map(Vec::len).sum();
+        let all: usize = self.cached.iter().map(Vec::len).sum();
         let is_there = all - missing.len();
         match missing.len() {
             0 => note!("all {is_there} parts are there"),
@@ -243,17 +245,17 @@ impl Page {
         }
     }
 
-    fn encode(&self, workshop: &Workshop) -> String {
+    fn encode(&self, context: &PaperContext) -> String {
         let version = env!("CARGO_PKG_VERSION");
         let main = html! {
-            (self.contents(workshop))
-            @for (section, kept) in self.sections.iter().zip(&self.kept) {
-                @if kept.iter().any(Option::is_some) {
+            (self.contents(context))
+            @for (section, cached) in self.sections.iter().zip(&self.cached) {
+                @if cached.iter().any(Option::is_some) {
                     section #(section.name) {
                         h2 { (section.title) }
                         (PreEscaped(&section.intro))
-                        @for part in kept.iter().flatten() { (PreEscaped(&part.made.html)) }
-                        p.note { "Made in " (duration(kept.iter().flatten().map(|part| part.seconds).sum())) "." (progress_of(kept)) }
+                        @for part in cached.iter().flatten() { (PreEscaped(&part.made.html)) }
+                        p.note { "Made in " (duration(cached.iter().flatten().map(|part| part.seconds).sum())) "." (progress_of(cached)) }
                     }
                 }
             }
@@ -262,7 +264,7 @@ impl Page {
             kicker: "paper",
             title: "The paper, figure by figure".into(),
             heading: html! { "The paper, figure by figure" },
-            facts: vec![workshop.data.words(), machine(), format!("headtail {version}")],
+            facts: vec![context.data.words(), machine(), format!("headtail {version}")],
             command: &terminal::command(),
             version,
             style: figure::STYLE,
@@ -271,20 +273,20 @@ impl Page {
         page.encode(&main)
     }
 
-    fn contents(&self, workshop: &Workshop) -> Markup {
+    fn contents(&self, context: &PaperContext) -> Markup {
         html! {
             section.reading {
                 h2 { "Contents" }
                 ul {
-                    @for (Section { name, title, .. }, kept) in self.sections.iter().zip(&self.kept) {
-                        @if kept.iter().any(Option::is_some) { li { a href={ "#" (name) } { (title) } (progress_of(kept)) } }
+                    @for (Section { name, title, .. }, cached) in self.sections.iter().zip(&self.cached) {
+                        @if cached.iter().any(Option::is_some) { li { a href={ "#" (name) } { (title) } (progress_of(cached)) } }
                         @else { li { (title) " " small { "(not made yet)" } } }
                     }
                 }
                 p.note {
                     "After Litalien et al. 2024, \u{201c}Neural Product Importance Sampling via Warp Composition\u{201d}. Scenes and maps are not the paper\u{2019}s: \
                      its numbers stand beside ours where its text states them, and only ratios can be compared. Heads are trained with this program\u{2019}s batches and optimiser ("
-                    (workshop.effort.cosine_steps) " and " (workshop.effort.ggx_steps)
+                    (context.effort.cosine_steps) " and " (context.effort.ggx_steps)
                     " steps), without a learned share beside BRDF sampling but for neural materials."
                 }
             }
@@ -293,21 +295,21 @@ impl Page {
 
     /// All figures by section and part.
     fn json(&self) -> Vec<Value> {
-        let section = |(section, kept): (&Section, &Vec<Option<Kept>>)| {
-            let parts = section.parts.iter().zip(kept).filter_map(|(part, kept)| {
-                let kept = kept.as_ref()?;
-                Some(json!({ "name": part.name, "seconds": kept.seconds, "tables": kept.made.tables }))
+        let section = |(section, cached): (&Section, &Vec<Option<CachedPart>>)| {
+            let parts = section.parts.iter().zip(cached).filter_map(|(part, cached)| {
+                let cached = cached.as_ref()?;
+                Some(json!({ "name": part.name, "seconds": cached.seconds, "tables": cached.made.tables }))
             });
             json!({ "name": section.name, "title": section.title, "parts": parts.collect::<Vec<_>>() })
         };
-        self.sections.iter().zip(&self.kept).map(section).collect()
+        self.sections.iter().zip(&self.cached).map(section).collect()
     }
 }
 
 /// The number of finished parts, unless all are.
-fn progress_of(kept: &[Option<Kept>]) -> Markup {
-    let there = kept.iter().flatten().count();
-    html! { @if there < kept.len() { small { " (" (there) " of " (kept.len()) " parts)" } } }
+fn progress_of(cached: &[Option<CachedPart>]) -> Markup {
+    let there = cached.iter().flatten().count();
+    html! { @if there < cached.len() { small { " (" (there) " of " (cached.len()) " parts)" } } }
 }
 
 /// Whether a path is a folder.

@@ -12,7 +12,7 @@ use maud::html;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Workshop, figure::Strip};
+use super::{PaperContext, figure::Strip};
 use crate::{
     output::{make_folder, remove_kept},
     report::{
@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// Computes a part.
-type Make = Box<dyn Fn(&Workshop) -> Result<Made>>;
+type Make = Box<dyn Fn(&PaperContext) -> Result<PartOutput>>;
 
 /// A part of a section, computed as a whole.
 pub struct Part {
@@ -35,7 +35,11 @@ pub struct Part {
 
 impl Part {
     /// A part.
-    pub fn new(name: impl Into<String>, cost: f64, make: impl Fn(&Workshop) -> Result<Made> + 'static) -> Self {
+    pub fn new(
+        name: impl Into<String>,
+        cost: f64,
+        make: impl Fn(&PaperContext) -> Result<PartOutput> + 'static,
+    ) -> Self {
         Self { name: name.into(), cost, make: Box::new(make) }
     }
 
@@ -43,16 +47,16 @@ impl Part {
     ///
     /// # Errors
     /// Any error of the part; [`crate::progress::Interrupted`] after a signal.
-    pub fn make(&self, workshop: &Workshop, stamp: &str) -> Result<Kept> {
+    pub fn make(&self, context: &PaperContext, stamp: &str) -> Result<CachedPart> {
         let start = Instant::now();
-        let made = (self.make)(workshop)?;
-        Ok(Kept { stamp: stamp.to_owned(), seconds: start.elapsed().as_secs_f64(), made })
+        let made = (self.make)(context)?;
+        Ok(CachedPart { stamp: stamp.to_owned(), seconds: start.elapsed().as_secs_f64(), made })
     }
 }
 
 /// The output of a part.
 #[derive(Default, Serialize, Deserialize)]
-pub struct Made {
+pub struct PartOutput {
     /// HTML for the page.
     pub html: String,
     /// The same as data.
@@ -101,7 +105,7 @@ pub struct Figures {
     rows: Vec<Map<String, Value>>,
 }
 
-impl Made {
+impl PartOutput {
     /// Output without data.
     pub fn of(html: String) -> Self {
         Self { html, ..Self::default() }
@@ -144,16 +148,16 @@ impl Made {
 
 /// A cached part.
 #[derive(Serialize, Deserialize)]
-pub struct Kept {
+pub struct CachedPart {
     /// Key of the version, data and effort.
     stamp: String,
     /// Seconds that the part took.
     pub seconds: f64,
     /// The part's output.
-    pub made: Made,
+    pub made: PartOutput,
 }
 
-impl Kept {
+impl CachedPart {
     fn path(folder: &Path, section: &str, part: &str) -> PathBuf {
         let name: String = part.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();
         folder.join(format!("{section}--{name}.json"))
@@ -166,9 +170,9 @@ impl Kept {
     pub fn remove_others(folder: &Path, out: &Path, stamp: &str) -> Result<()> {
         for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())? {
             let path = entry.with_context(|| folder.display().to_string())?.path();
-            let kept: Option<Self> = fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok());
-            let Some(kept) = kept.filter(|kept| kept.stamp != stamp) else { continue };
-            kept.made.drawings.iter().try_for_each(|drawing| remove_kept(&drawing.path(out)))?;
+            let cached: Option<Self> = fs::read(&path).ok().and_then(|text| serde_json::from_slice(&text).ok());
+            let Some(cached) = cached.filter(|cached| cached.stamp != stamp) else { continue };
+            cached.made.drawings.iter().try_for_each(|drawing| remove_kept(&drawing.path(out)))?;
             remove_kept(&path)?;
         }
         Ok(())
@@ -176,8 +180,8 @@ impl Kept {
 
     /// Reads a cached part with the same stamp.
     pub fn read(folder: &Path, section: &str, part: &str, stamp: &str) -> Option<Self> {
-        let kept: Self = serde_json::from_slice(&fs::read(Self::path(folder, section, part)).ok()?).ok()?;
-        (kept.stamp == stamp).then_some(kept)
+        let cached: Self = serde_json::from_slice(&fs::read(Self::path(folder, section, part)).ok()?).ok()?;
+        (cached.stamp == stamp).then_some(cached)
     }
 
     /// Writes the part to the cache.
@@ -202,22 +206,23 @@ mod tests {
         make_folder(&folder).unwrap();
         let svg = || Drawing::new("none", (9.0, 9.0), "").file();
         let drawing = |name: &str| SavedDrawing { name: name.to_owned(), svg: svg() };
-        let kept = |stamp: &str, name: &str| {
-            let made = Made { drawings: vec![drawing(name)], ..Made::default() };
-            Kept { stamp: stamp.into(), seconds: 1.0, made }
+        let cached = |stamp: &str, name: &str| {
+            let made = PartOutput { drawings: vec![drawing(name)], ..PartOutput::default() };
+            CachedPart { stamp: stamp.into(), seconds: 1.0, made }
         };
         for (stamp, name) in [("old", "one"), ("new", "two")] {
-            let kept = kept(stamp, name);
-            kept.write(&folder, "fits", name).unwrap();
-            kept.made.drawings.iter().try_for_each(|drawing| drawing.write(out.path())).unwrap();
+            let cached = cached(stamp, name);
+            cached.write(&folder, "fits", name).unwrap();
+            cached.made.drawings.iter().try_for_each(|drawing| drawing.write(out.path())).unwrap();
         }
         let own = out.path().join("figures/own.svg");
         fs::write(&own, "of somebody else").unwrap();
-        Kept::remove_others(&folder, out.path(), "new").unwrap();
+        CachedPart::remove_others(&folder, out.path(), "new").unwrap();
         let is_there = |name: &str| out.path().join("figures").join(name).with_extension("svg").exists();
         assert_eq!((is_there("one"), is_there("two")), (false, true));
         assert!(
-            Kept::read(&folder, "fits", "one", "old").is_none() && Kept::read(&folder, "fits", "two", "new").is_some()
+            CachedPart::read(&folder, "fits", "one", "old").is_none()
+                && CachedPart::read(&folder, "fits", "two", "new").is_some()
         );
         assert!(own.exists());
     }

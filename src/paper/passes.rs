@@ -7,9 +7,9 @@ use headtail_render::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     figure::note,
-    part::Made,
+    part::PartOutput,
     shot::{Errors, Shot, Truth},
 };
 use crate::report::{
@@ -27,29 +27,29 @@ pub const OWN_SHADOW: u32 = 8;
 const FORMS: [&str; 4] = ["two passes", "one pass, paper", "one pass, ratio", "one pass, control variate"];
 
 /// Adds the errors of masks of one pass and of two, against a converged mask.
-pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: &mut Made) -> Result<()> {
+pub fn compare(context: &PaperContext, shot: &Shot, backdrop: &Backdrop<'_>, output: &mut PartOutput) -> Result<()> {
     let best = SamplerSpec::patches().build(&shot.environment)?;
     let (truth, film) = if shot.stage.is_plane() {
-        shot.two_passes(backdrop, &*best, 2 * workshop.effort.mask_spp, 99)
+        shot.two_passes(backdrop, &*best, 2 * context.effort.mask_spp, 99)
     } else {
         // Where a mesh blocks most of its own light, the quotient of two passes divides by noise; the ratio
         // of one pass uses the same samples in numerator and denominator.
         let learns = "patches+vis".parse::<SamplerSpec>()?.build(&shot.environment)?;
-        let film = shot.film(backdrop, &*learns, shot.settings(OWN_SHADOW * workshop.effort.mask_spp, 99));
+        let film = shot.film(backdrop, &*learns, shot.settings(OWN_SHADOW * context.effort.mask_spp, 99));
         (Mask::of(&film, MaskForm::Ratio), film)
     };
-    workshop.check()?;
-    let truth = Truth::new(truth, &film, &shot.chooses_shadow(workshop, backdrop, &*best));
-    workshop.check()?;
-    made.html += &note(&reference(shot, &truth, &film));
+    context.check()?;
+    let truth = Truth::new(truth, &film, &shot.chooses_shadow(context, backdrop, &*best));
+    context.check()?;
+    output.html += &note(&reference(shot, &truth, &film));
     let mut results: Vec<(String, Errors)> = Vec::new();
     for name in ["mis", "ris:4", "patches", "patches+vis"] {
         let spec: SamplerSpec = name.parse()?;
         let estimator = spec.build(&shot.environment)?;
         let mut sums = [Errors::default(); FORMS.len()];
-        let runs = workshop.effort.runs.min(RUNS);
+        let runs = context.effort.runs.min(RUNS);
         for run in 0..runs {
-            workshop.check()?;
+            context.check()?;
             let seed = 10 * u64::from(run) + 1;
             let one = shot.film(backdrop, &*estimator, shot.settings(RAYS, seed));
             let (two, _) = shot.two_passes(backdrop, &*estimator, RAYS / 2, seed + 1);
@@ -72,7 +72,7 @@ pub fn compare(workshop: &Workshop, shot: &Shot, backdrop: &Backdrop<'_>, made: 
         ]
     };
     let stem = format!("{}-{}", shot.name, shot.environment.name()).replace(|c: char| !c.is_ascii_alphanumeric(), "-");
-    made.table(
+    output.table(
         &format!("passes-{stem}"),
         &["MSE", "mask", "mask in shadow", "composite", "bias"],
         results.iter().map(line).collect(),

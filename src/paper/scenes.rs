@@ -18,49 +18,49 @@ use headtail_render::{
 use headtail_train::learned_bake;
 
 use super::{
-    Workshop,
+    PaperContext,
     comparison::{Subject, compare},
     densities::Densities,
     figure::{Layout, Panel, Strip, heading},
     measure::Entry,
-    part::{Made, Part},
+    part::{Part, PartOutput},
 };
 use crate::cost;
 use crate::report::{chart::Scale, number::text, table::Cell};
 
 /// Temple, dishware and diorama with diffuse surfaces.
-pub fn cosine(workshop: &Workshop) -> (String, Vec<Part>) {
+pub fn cosine(context: &PaperContext) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">Diffuse surfaces, 4 samples per pixel with at most one shadow ray each. \u{201c}head\u{201d} is a small network (K = 4, no encoder) over a \
          hierarchical tail, \u{201c}baked 8\u{d7}8\u{201d} its table over 16 \u{d7} 32 normals, \u{201c}patches\u{201d} this program's closed form, which needs no training. \
          The densities are those of the point with the green cross; shadows are not in them. \
          <span class=\"paper\">The paper: head 2.2\u{d7} lower variance than MIS on its temple at equal time (4 spp, 35 ms); baked 2.4\u{d7} lower MSE on its diorama \
          at about the run time of MIS.</span></p>\n";
-    let training = cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
+    let training = cost::training(&context.heads.config(&MaterialSpec::LAMBERT));
     let mut parts = vec![Part::new("intermediate densities", training, intermediate)];
     for (name, map) in [("temple", 0), ("dishes", 1), ("diorama", 0)] {
-        let cost = workshop.effort.comparison(5) + 2.0 * training;
-        parts.push(Part::new(name, cost, move |workshop| diffuse(workshop, name, map)));
+        let cost = context.effort.comparison(5) + 2.0 * training;
+        parts.push(Part::new(name, cost, move |context| diffuse(context, name, map)));
     }
     (intro.to_owned(), parts)
 }
 
-fn diffuse(workshop: &Workshop, name: &str, map: usize) -> Result<Made> {
-    let environment = workshop.data.map(map)?;
-    let view = workshop.data.view(name, "lambert")?;
+fn diffuse(context: &PaperContext, name: &str, map: usize) -> Result<PartOutput> {
+    let environment = context.data.map(map)?;
+    let view = context.data.view(name, "lambert")?;
     let mut entries = baselines(&environment)?;
-    let trained = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?;
-    let naive = workshop.heads.naive_of(&environment, &MaterialSpec::LAMBERT)?;
+    let trained = context.heads.of(&environment, &MaterialSpec::LAMBERT)?;
+    let naive = context.heads.naive_of(&environment, &MaterialSpec::LAMBERT)?;
     entries.push(entry("head", &SamplerSpec::file(FileKind::Head, trained.file.clone()), &environment)?);
     entries.push(Entry::new("baked 8\u{d7}8", baked(&trained.file, &environment, 8)?));
     entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
     let samplers = vec![("patches", SamplerSpec::patches())];
     let shown = Some("head");
     let subject = Subject { view, environment, entries, shown, heads: Some([trained.head, naive]), samplers };
-    compare(workshop, &subject, heading(&format!("{} under {}", subject.view.name, subject.environment.name())))
+    compare(context, &subject, heading(&format!("{} under {}", subject.view.name, subject.environment.name())))
 }
 
 /// The droid with one and with textured roughness.
-pub fn microfacet(workshop: &Workshop) -> (String, Vec<Part>) {
+pub fn microfacet(context: &PaperContext) -> (String, Vec<Part>) {
     let intro = "<p class=\"note\">Trowbridge\u{2013}Reitz reflection, f0 = 1, 4 samples per pixel with at most one shadow ray each. <span class=\"paper\">The paper: at fixed \
          roughness (0.4) its head easily outperforms MIS and RIS-4 at equal time; with roughness as a condition (0.2 to 0.8) it outperforms MIS but not RIS at equal time, and \
          is mixed with BRDF sampling.</span></p>\n";
@@ -68,19 +68,19 @@ pub fn microfacet(workshop: &Workshop) -> (String, Vec<Part>) {
     for (name, material) in
         [("one roughness", MaterialSpec::ggx(0.4, 0.4)), ("roughness as a condition", MaterialSpec::ggx(0.2, 0.8))]
     {
-        let training = cost::training(&workshop.heads.config(&material));
-        let cost = workshop.effort.comparison(5) + 2.0 * training;
-        parts.push(Part::new(name, cost, move |workshop| glossy(workshop, &material)));
+        let training = cost::training(&context.heads.config(&material));
+        let cost = context.effort.comparison(5) + 2.0 * training;
+        parts.push(Part::new(name, cost, move |context| glossy(context, &material)));
     }
     (intro.to_owned(), parts)
 }
 
-fn glossy(workshop: &Workshop, material: &MaterialSpec) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let view = workshop.data.view("droid", &material.to_string())?;
+fn glossy(context: &PaperContext, material: &MaterialSpec) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let view = context.data.view("droid", &material.to_string())?;
     let mut entries = baselines(&environment)?;
-    let trained = workshop.heads.of(&environment, material)?;
-    let naive = workshop.heads.naive_of(&environment, material)?;
+    let trained = context.heads.of(&environment, material)?;
+    let naive = context.heads.naive_of(&environment, material)?;
     entries.push(entry("head", &SamplerSpec::file(FileKind::Head, trained.file.clone()), &environment)?);
     entries.push(entry("head + MIS", &SamplerSpec::file_with_mis(FileKind::Head, trained.file), &environment)?);
     entries.push(entry("patches", &SamplerSpec::patches(), &environment)?);
@@ -88,7 +88,7 @@ fn glossy(workshop: &Workshop, material: &MaterialSpec) -> Result<Made> {
     let title = format!("{} under {}, {material}", view.name, environment.name());
     let shown = Some("head + MIS");
     let subject = Subject { view, environment, entries, shown, heads: Some([trained.head, naive]), samplers };
-    compare(workshop, &subject, heading(&title))
+    compare(context, &subject, heading(&title))
 }
 
 /// One-sample MIS, and RIS with four candidates.
@@ -102,12 +102,12 @@ pub fn entry(name: &str, spec: &SamplerSpec, environment: &Arc<Environment>) -> 
 }
 
 /// The paper's figure of intermediate densities: of a head and of its tables.
-fn intermediate(workshop: &Workshop) -> Result<Made> {
-    let environment = workshop.data.map(0)?;
-    let head: Head = workshop.heads.of(&environment, &MaterialSpec::LAMBERT)?.head;
+fn intermediate(context: &PaperContext) -> Result<PartOutput> {
+    let environment = context.data.map(0)?;
+    let head: Head = context.heads.of(&environment, &MaterialSpec::LAMBERT)?.head;
     let light = EnvironmentLight::new(environment, TailKind::Hierarchical)?;
-    let grid = Densities::new(workshop.effort.density_rows);
-    let mut made = Made::of(heading("Intermediate densities of the head and of its tables"));
+    let grid = Densities::new(context.effort.density_rows);
+    let mut output = PartOutput::of(heading("Intermediate densities of the head and of its tables"));
     let mut lines = Vec::new();
     for (name, normal) in [("A", Vec3A::new(0.5, 0.6, 0.6)), ("B", Vec3A::new(-0.8, 0.1, -0.5))] {
         let n = normal.normalize();
@@ -127,11 +127,11 @@ fn intermediate(workshop: &Workshop) -> Result<Made> {
             line.push(Cell::number(kl));
         }
         let scales = vec![(scale, "density over the square Y")];
-        made.strip(&format!("intermediate-{name}"), &Strip { layout: Layout::Four, panels, scales })?;
+        output.strip(&format!("intermediate-{name}"), &Strip { layout: Layout::Four, panels, scales })?;
         lines.push(line);
     }
-    made.figures("intermediate", &["KL from the head in nats", "baked 8\u{d7}8", "baked 32\u{d7}32"], &lines);
-    Ok(made)
+    output.figures("intermediate", &["KL from the head in nats", "baked 8\u{d7}8", "baked 32\u{d7}32"], &lines);
+    Ok(output)
 }
 
 /// A head baked to `side` x `side` cells over the paper's normals.

@@ -12,7 +12,7 @@ use headtail_render::{
     scene::Camera,
 };
 
-use super::Workshop;
+use super::PaperContext;
 
 /// Maximum width of photographs: masks are smooth, and their references expensive.
 const MAX_WIDTH: usize = 240;
@@ -37,10 +37,10 @@ pub struct Shot {
 
 impl Shot {
     /// Places an object on a plane before a rectified view of a map.
-    pub fn new(workshop: &Workshop, index: usize) -> Result<Self> {
-        let environment = workshop.data.map(index)?;
-        let (name, scene) = workshop.data.object(index)?;
-        let (width, height) = size(workshop);
+    pub fn new(context: &PaperContext, index: usize) -> Result<Self> {
+        let environment = context.data.map(index)?;
+        let (name, scene) = context.data.object(index)?;
+        let (width, height) = size(context);
         let turn = Quat::from_rotation_y(-2.1 * index as f32) * Quat::from_rotation_x(-0.42);
         let at = Vec3A::from(turn * Vec3::new(0.0, 0.15, 3.6));
         let camera = Camera::of_photograph(Affine3A::from_rotation_translation(turn, at.into()), 0.4, Vec2::ZERO)?;
@@ -52,7 +52,7 @@ impl Shot {
         let object = scene.moved(&to_place)?;
         let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera)?;
         let stage = Stage::new(object, catcher)?;
-        Ok(Self { name, environment, stage, camera, photograph, stop: workshop.stop.clone() })
+        Ok(Self { name, environment, stage, camera, photograph, stop: context.stop.clone() })
     }
 
     /// Computes the catcher's appearance and irradiance. A mesh needs all normals, which takes longer.
@@ -81,14 +81,14 @@ impl Shot {
     }
 
     /// Returns the mask that selects pixels in shadow, see [`Truth`].
-    pub fn chooses_shadow(&self, workshop: &Workshop, backdrop: &Backdrop<'_>, estimator: &dyn Estimator) -> Mask {
-        Mask::of(&self.film(backdrop, estimator, self.settings(workshop.effort.mask_spp, 55)), MaskForm::ControlVariate)
+    pub fn chooses_shadow(&self, context: &PaperContext, backdrop: &Backdrop<'_>, estimator: &dyn Estimator) -> Mask {
+        Mask::of(&self.film(backdrop, estimator, self.settings(context.effort.mask_spp, 55)), MaskForm::ControlVariate)
     }
 }
 
 /// Width and height of photographs.
-pub fn size(workshop: &Workshop) -> (usize, usize) {
-    let width = workshop.effort.width.min(MAX_WIDTH);
+pub fn size(context: &PaperContext) -> (usize, usize) {
+    let width = context.effort.width.min(MAX_WIDTH);
     (width, width * 2 / 3)
 }
 

@@ -21,11 +21,11 @@ use headtail_train::{
 };
 
 use super::{
-    Workshop,
+    PaperContext,
     densities::Densities,
     figure::{Layout, Panel, Strip},
     fits::weights,
-    part::{Made, Part},
+    part::{Part, PartOutput},
 };
 use crate::{
     cost,
@@ -80,12 +80,12 @@ impl Surface for Gaussian {
 }
 
 /// The section.
-pub fn section(workshop: &Workshop) -> (String, Vec<Part>) {
-    let cost = 2.0 * cost::training(&workshop.heads.config(&MaterialSpec::LAMBERT));
+pub fn section(context: &PaperContext) -> (String, Vec<Part>) {
+    let cost = 2.0 * cost::training(&context.heads.config(&MaterialSpec::LAMBERT));
     (String::new(), vec![Part::new("image and Gaussian", cost, example)])
 }
 
-fn example(workshop: &Workshop) -> Result<Made> {
+fn example(context: &PaperContext) -> Result<PartOutput> {
     let image = picture()?;
     // A tail weights by solid angle: division by sin theta makes its density over the square equal the image.
     let luminance: Vec<f32> = image
@@ -99,15 +99,15 @@ fn example(workshop: &Workshop) -> Result<Made> {
         })
         .collect();
     let tail = Tail::new(TailKind::Hierarchical, 2 * ROWS, ROWS, &luminance)?;
-    let config = FitConfig { learning_rate: 8e-3, ..workshop.heads.config(&MaterialSpec::LAMBERT) };
-    let (head, summary) = workshop.heads.train(&config, &ProductTarget::of_surface(Gaussian, &tail))?;
+    let config = FitConfig { learning_rate: 8e-3, ..context.heads.config(&MaterialSpec::LAMBERT) };
+    let (head, summary) = context.heads.train(&config, &ProductTarget::of_surface(Gaussian, &tail))?;
     let naive_config = FitConfig { loss: Loss::ForwardKl, learning_rate: 4e-3, ..config };
     let target = NaiveTarget::new(Box::new(ProductTarget::of_surface(Gaussian, &tail)), &tail);
-    let (naive, naive_summary) = workshop.heads.train(&naive_config, &target)?;
+    let (naive, naive_summary) = context.heads.train(&naive_config, &target)?;
 
-    let grid = Densities::new(workshop.effort.density_rows);
+    let grid = Densities::new(context.effort.density_rows);
     let first = grid.normalized(grid.points.iter().map(|&x| tail.light().density(x)));
-    let mut made = Made::of(format!(
+    let mut output = PartOutput::of(format!(
         "<p class=\"note\">An image as the density p1 of the tail, times a Gaussian p2 whose centre is the condition. Both fits have {} weights and {} steps. \
          Over the validation set the divergence from the product is {} nats with the tail (before training {}), and {} nats without ({}). \
          <span class=\"paper\">The paper: \u{201c}a poor result\u{201d} without the tail, \u{201c}a near-perfect fit with an equal number of NF parameters\u{201d} with it.</span></p>\n",
@@ -134,7 +134,7 @@ fn example(workshop: &Workshop) -> Result<Made> {
             Panel::new(&scale.png(&ours, columns)?, "our fit", format!("KL {}", text(grid.kl(&product, &ours)))),
         ];
         let scales = vec![(scale, "density over the square"), (own, "density of the image p1")];
-        made.strip(
+        output.strip(
             &format!("example-{}", lines.len() + 1),
             &Strip { layout: Layout::Five, panels: panels.into(), scales },
         )?;
@@ -150,8 +150,8 @@ fn example(workshop: &Workshop) -> Result<Made> {
         Cell::number(naive_summary.divergence.kl),
         Cell::number(summary.divergence.kl),
     ]);
-    made.table("example", &["KL in nats", "naive fit", "our fit"], lines);
-    Ok(made)
+    output.table("example", &["KL in nats", "naive fit", "our fit"], lines);
+    Ok(output)
 }
 
 /// A detailed picture: the luminance of the built-in temple, with a floor.

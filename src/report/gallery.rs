@@ -163,7 +163,7 @@ impl Gallery {
                 rendering: picture::rendering(&rendered.image, self.exposure)?,
                 radiance: None,
                 errors,
-                flip_map: flips.share_picture()?,
+                flip_map: flips.fraction_picture()?,
                 flip,
                 hdr_flip: comparison.mean_of_measured(&reference.of(&rendered.image)?),
             })

@@ -8,7 +8,7 @@ use maud::{Markup, html};
 
 use super::Measurement;
 use super::chart::Extent;
-use super::chart::pareto::{FRONT, Place, on_front, scatter};
+use super::chart::pareto::{FRONT, MeasuredSampler, on_front, scatter};
 use super::kind::Look;
 use super::number::{ends, times};
 use super::shell::{Page, count};
@@ -28,8 +28,9 @@ pub fn page(comparisons: &[Vec<Measurement>]) -> Result<String> {
     let version = comparisons.first().and_then(|rows| rows.first()).map_or("", |row| row.version.as_str());
     let chart = |(index, scene): (usize, &Scene)| {
         let summary = &scene.summary;
-        let places: Vec<Place> = summary.at(&scene.budget.name).map(|group| Place::of(summary, group)).collect();
-        scatter(&format!("comparison-{}", index + 1), &places, ["rendering time in seconds", "mean squared error"])
+        let samplers: Vec<MeasuredSampler> =
+            summary.at(&scene.budget.name).map(|group| MeasuredSampler::of(summary, group)).collect();
+        scatter(&format!("comparison-{}", index + 1), &samplers, ["rendering time in seconds", "mean squared error"])
     };
     let main = html! {
         (over_all(&scenes))
@@ -127,26 +128,27 @@ fn over_all(scenes: &[Scene]) -> Markup {
     };
     let means: Vec<(Extent, RatioInterval)> = names.iter().filter_map(means).collect();
     let looks = Look::of_all(names.iter().map(String::as_str));
-    let places: Vec<Place> = names
+    let samplers: Vec<MeasuredSampler> = names
         .iter()
         .zip(&looks)
         .zip(&means)
-        .map(|((name, look), (time, error))| Place {
+        .map(|((name, look), (time, error))| MeasuredSampler {
             name: name.clone(),
             look: *look,
             time: *time,
             error: Extent::from(error),
         })
         .collect();
-    let row = |((place, (_, interval)), on_front): ((&Place, &(Extent, RatioInterval)), bool)| {
-        let (time, error) = (place.time.value, place.error.value);
-        let name = Cell { swatch: place.look.swatch(), ..Cell::text(&place.name).marked(on_front) };
+    let row = |((sampler, (_, interval)), on_front): ((&MeasuredSampler, &(Extent, RatioInterval)), bool)| {
+        let (time, error) = (sampler.time.value, sampler.error.value);
+        let name = Cell { swatch: sampler.look.swatch(), ..Cell::text(&sampler.name).marked(on_front) };
         let [time_cell, error_cell, gain] =
             [time, error, 1.0 / (time * error)].map(|value| Cell::from(Value::Times(value)));
-        let around = place.time.ends.map_or(String::new(), |(low, high)| format!("{} to {}", times(low), times(high)));
+        let around =
+            sampler.time.ends.map_or(String::new(), |(low, high)| format!("{} to {}", times(low), times(high)));
         vec![name, time_cell.beside(around), error_cell.beside(ends(interval)), gain]
     };
-    let rows = places.iter().zip(&means).zip(on_front(&places)).map(row).collect();
+    let rows = samplers.iter().zip(&means).zip(on_front(&samplers)).map(row).collect();
     let columns = vec![
         Column::text("Sampler"),
         Column::number("Time", ""),
@@ -159,7 +161,7 @@ fn over_all(scenes: &[Scene]) -> Markup {
             h2 { "Over all " (scenes.len()) " comparisons" }
             div.charts {
                 figure {
-                    (scatter("over-all", &places, titles).html())
+                    (scatter("over-all", &samplers, titles).html())
                     figcaption {
                         "Geometric means over the comparisons of time and error at the budgets shown below, both relative to "
                         (first.summary.baseline_words()) ", of the samplers that all comparisons have. The gain is the inverse of their product. \

@@ -91,8 +91,8 @@ impl ErrorMap {
     }
 
     /// Encodes a map of values from 0 to 1 in false colour as a `data:` address.
-    pub fn share_picture(&self) -> Result<String> {
-        self.coloured(|share| if share.is_nan() { BROKEN } else { ERROR.at(share) })
+    pub fn fraction_picture(&self) -> Result<String> {
+        self.coloured(|fraction| if fraction.is_nan() { BROKEN } else { ERROR.at(fraction) })
     }
 
     fn coloured(&self, colour: impl Fn(f64) -> [u8; 3]) -> Result<String> {

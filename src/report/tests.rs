@@ -54,7 +54,7 @@ fn a_report_that_grew_run_by_run_is_the_one_of_all_runs() {
 }
 
 #[test]
-fn what_takes_long_to_write_is_written_seldom() {
+fn slow_reports_are_written_less_often() {
     let mut pace = Pace::default();
     assert!(pace.is_due());
     pace.wrote(Duration::from_millis(1));

@@ -14,6 +14,6 @@ mod view;
 
 pub use contents::Contents;
 pub use measure::Measures;
-pub use perform::{Finished, METRICS, RESULTS, SAMPLER, Surroundings, perform};
+pub use perform::{Finished, METRICS, RESULTS, RunContext, SAMPLER, perform};
 pub use table::{Checkpoints, RunConfig, RunTable, one_line};
 pub use view::Picture;

@@ -55,7 +55,7 @@ pub const RESULTS: [&str; 4] = [SAMPLER, MEASURES, METRICS, RESOLVED];
 const PICTURES: u64 = 4;
 
 /// Output locations and callbacks of a run.
-pub struct Surroundings<'a> {
+pub struct RunContext<'a> {
     /// Folder for the results.
     pub out: PathBuf,
     /// Folder for references of measured views.
@@ -86,8 +86,8 @@ pub struct Finished {
 ///
 /// # Errors
 /// If something cannot be opened, trained or written; [`progress::Interrupted`] while a flow tail is fitted.
-pub fn perform(run: &RunConfig, surroundings: Surroundings<'_>) -> Result<Finished> {
-    let Surroundings { out, references, tensorboard, pictures, until, stop, watch } = surroundings;
+pub fn perform(run: &RunConfig, context: RunContext<'_>) -> Result<Finished> {
+    let RunContext { out, references, tensorboard, pictures, until, stop, watch } = context;
     let config = &run.fit;
     let environment = open_environment(&run.env)?;
     make_folder(&out)?;
@@ -214,7 +214,7 @@ fn tail_of(
     if let Some(FlowSummary { steps, kl, table_kl, initial_kl, repair, seconds, .. }) = summary {
         let blended = match repair.blended {
             0.0 => String::new(),
-            share => format!(", which took {:.0} % of the identity", 100.0 * share),
+            fraction => format!(", which took {:.0} % of the identity", 100.0 * fraction),
         };
         say!(
             "flow tail: KL(light || flow) {kl:.4} nats (uniform {initial_kl:.3}), its table {table_kl:.4}, {steps} steps, {seconds:.1} s; \

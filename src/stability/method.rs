@@ -64,7 +64,7 @@ struct Trained {
 }
 
 /// Context of the measurements in a regime.
-pub struct Laboratory<'a> {
+pub struct StabilityContext<'a> {
     regime: &'a Regime,
     bench: DirectionBench,
     config: FitConfig,
@@ -77,7 +77,7 @@ pub struct Laboratory<'a> {
     tail: OnceCell<Arc<Tail>>,
 }
 
-impl<'a> Laboratory<'a> {
+impl<'a> StabilityContext<'a> {
     /// Measures every method in a regime. Results after the stop flag is set are invalid.
     pub fn run(
         regime: &'a Regime,
@@ -91,11 +91,11 @@ impl<'a> Laboratory<'a> {
         let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
         let pictures = Pictures::new(&brightest, &regime.environment);
         let (rows, pictured) = (Vec::new(), brightest);
-        let mut laboratory = Self { regime, bench, config, rows, pictures, pictured, stop, tail: OnceCell::new() };
-        laboratory.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
-        laboratory.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
-        laboratory.heads();
-        Ok((laboratory.rows, laboratory.pictures))
+        let mut context = Self { regime, bench, config, rows, pictures, pictured, stop, tail: OnceCell::new() };
+        context.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
+        context.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
+        context.heads();
+        Ok((context.rows, context.pictures))
     }
 
     fn heads(&mut self) {
@@ -110,12 +110,12 @@ impl<'a> Laboratory<'a> {
             Err(error) => ["head", HALVES].into_iter().for_each(|method| self.stop(method, &error)),
         }
         let default = self.train(&self.config);
-        let share = match &default {
+        let with_mixture_weight = match &default {
             // The same head, unless training fell back.
             Ok(trained) if !trained.fell_back => Ok(trained.clone()),
             _ => self.train(&FitConfig { fall_back: false, ..self.config.clone() }),
         };
-        self.add_trained("share", &share);
+        self.add_trained("share", &with_mixture_weight);
         self.add_trained(DEFAULT, &default);
     }
 
@@ -168,7 +168,7 @@ impl Trained {
     /// Builds the sampler that its file specifies: mixed with BRDF sampling if it learned a mixture weight.
     fn sampler(&self) -> Arc<dyn Sampler> {
         let product = Arc::new(ProductSampler::new(self.light.clone(), self.head.clone()));
-        if self.head.has_share() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product }
+        if self.head.has_mixture_weight() { Arc::new(OneSampleMis::new(product, BrdfSampler)) } else { product }
     }
 }
 
@@ -186,6 +186,6 @@ fn with_half_weights(head: &Head) -> Result<Head> {
     };
     let networks = [part("layer0.")?, part("layer1.")?];
     let head = Head::new(head.condition(), head.mode(), head.leaky_slope(), part("encoder.")?, networks)?
-        .with_share(part("selection.")?)?;
+        .with_mixture_weight(part("selection.")?)?;
     Ok(head)
 }

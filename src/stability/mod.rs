@@ -3,14 +3,14 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `regime.rs`, `method.rs` | light, surfaces and training; samplers trained in them |
-//! | `kept.rs` | finished regimes as files |
+//! | `saved_rows.rs` | finished regimes as files |
 //! | `table.rs`, `page.rs`, `picture.rs` | `stability.csv`, `stability.html` and its pictures |
 
-mod kept;
 mod method;
 mod page;
 mod picture;
 mod regime;
+mod saved_rows;
 mod table;
 
 use std::{path::PathBuf, sync::atomic::Ordering};
@@ -23,10 +23,10 @@ use headtail_train::Backend;
 
 use crate::terminal::{self, out};
 use crate::{backends::parse, cost, output::OutputFolder, progress};
-use kept::Kept;
-use method::{DEFAULT, Laboratory, Row};
+use method::{DEFAULT, Row, StabilityContext};
 use picture::Pictures;
 use regime::Regime;
+use saved_rows::SavedRows;
 
 /// Train and measure samplers where importance sampling tends to fail.
 /// Writes DIR/stability.csv, DIR/stability.html and DIR/regimes.svg.
@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     missing.retain(|(name, _)| wanted(name));
     ensure!(!regimes.is_empty(), "--only: no regime that can be run has such a name");
     output.begin(&[])?;
-    let kept = Kept::open(arguments.out.join("regimes"))?;
+    let saved = SavedRows::open(arguments.out.join("regimes"))?;
     let (command, machine) = (terminal::command(), machine());
     let (csv, html) = (output.file("stability.csv")?, output.file("stability.html")?);
     let write = |regimes: &[(Regime, Pictures)], rows: &[Row]| -> Result<()> {
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         if let Some(backend) = arguments.backend {
             config.backend = backend;
         }
-        let known = kept.read(&regime, &config, effort);
+        let known = saved.read(&regime, &config, effort);
         let seconds = if known.is_some() { 0.0 } else { cost::regime(&config, effort) };
         (regime, config, known, seconds)
     };
@@ -109,12 +109,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let (own, pictures) = match known {
             Some(known) => known,
             None => {
-                let (own, pictures) = Laboratory::run(&regime, config.clone(), effort, &stop)?;
+                let (own, pictures) = StabilityContext::run(&regime, config.clone(), effort, &stop)?;
                 if stop.load(Ordering::Relaxed) {
                     let done = format!("{} of {count} regimes are done; the same command goes on", pictured.len());
                     bail!(progress::Interrupted::new(done));
                 }
-                let pictures = kept.write(&regime, &config, effort, &own, pictures)?;
+                let pictures = saved.write(&regime, &config, effort, &own, pictures)?;
                 (own, pictures)
             }
         };

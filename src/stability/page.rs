@@ -167,7 +167,7 @@ impl Page<'_> {
         let ratio = ratio(self.rows, row).map_or(Value::Missing.into(), |(ratio, low, high)| {
             Cell::number(ratio).beside(format!("{} to {}", text(low.max(0.0)), text(high)))
         });
-        let percent = |share: f64| Cell::number(100.0 * share);
+        let percent = |fraction: f64| Cell::number(100.0 * fraction);
         let (bias, half_width) = figures.bias;
         vec![
             name,

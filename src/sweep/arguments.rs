@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::{
     Sweep, collect, local,
-    place::{Checkpoints, Place},
+    location::{Checkpoints, SweepLocation},
     report, retry, slurm, status, worker,
 };
 use crate::terminal::{self, only_data, out, print_json, say};
@@ -41,20 +41,20 @@ enum Action {
     /// Print the progress of the sweep.
     Status(Status),
     /// Allow failed trials to run again.
-    Retry(Place),
+    Retry(SweepLocation),
     /// Write all trials to one table.
     Collect(Collect),
     /// Write one page with tables and charts.
     Report(Output),
     /// The worker that `run` and `submit` start.
     #[command(hide = true)]
-    Work(Work),
+    Work(WorkArguments),
 }
 
 #[derive(Args)]
 struct Plan {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     /// Print every trial. Default: the first twenty.
     #[arg(long)]
     all: bool,
@@ -66,7 +66,7 @@ struct Plan {
 #[derive(Args)]
 struct Status {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     /// Print a JSON object.
     #[arg(long)]
     json: bool,
@@ -84,7 +84,7 @@ struct Collect {
 #[derive(Args)]
 struct Output {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     /// File to write. Default: trials.csv or report.html.
     /// The default is in the folder of the sweep.
     #[arg(long, value_name = "FILE")]
@@ -92,9 +92,9 @@ struct Output {
 }
 
 #[derive(Args)]
-struct Work {
+struct WorkArguments {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     #[command(flatten)]
     checkpoints: Checkpoints,
     /// Run as a task of a Slurm array.
@@ -109,13 +109,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Action::Run(arguments) => local::run(arguments),
         Action::Submit(arguments) => slurm::submit(arguments),
         Action::Status(status) => print_status(status),
-        Action::Retry(place) => retry::run(&place.open()?),
+        Action::Retry(location) => retry::run(&location.open()?),
         Action::Collect(arguments) => collect(arguments),
         Action::Report(output) => {
-            let sweep = output.place.open()?;
+            let sweep = output.location.open()?;
             written(&output.file(&sweep, "report.html"), |file| report::page(&sweep, &terminal::command(), file))
         }
-        Action::Work(work) => self::work(work),
+        Action::Work(arguments) => work(arguments),
     }
 }
 
@@ -138,7 +138,7 @@ fn collect(arguments: &Collect) -> Result<()> {
     if arguments.json {
         only_data();
     }
-    let sweep = arguments.output.place.open()?;
+    let sweep = arguments.output.location.open()?;
     let rows = collect::rows(&sweep);
     if arguments.json {
         print_json(&rows.iter().map(|row| row.record(&sweep)).collect::<Vec<_>>())?;
@@ -147,7 +147,7 @@ fn collect(arguments: &Collect) -> Result<()> {
 }
 
 fn print_status(arguments: &Status) -> Result<()> {
-    let status = status::Status::of(&arguments.place.open()?)?;
+    let status = status::Status::of(&arguments.location.open()?)?;
     if arguments.json {
         return print_json(&status);
     }
@@ -156,7 +156,7 @@ fn print_status(arguments: &Status) -> Result<()> {
 }
 
 fn print_plan(arguments: &Plan) -> Result<()> {
-    let sweep = arguments.place.open()?;
+    let sweep = arguments.location.open()?;
     let (trials, configurations) = (&sweep.plan.trials, sweep.plan.configurations.len());
     if arguments.json {
         return print_json(trials);
@@ -175,9 +175,9 @@ fn print_plan(arguments: &Plan) -> Result<()> {
     Ok(())
 }
 
-fn work(arguments: &Work) -> Result<()> {
+fn work(arguments: &WorkArguments) -> Result<()> {
     let stop = progress::stop_flag()?;
-    let mut sweep = arguments.place.open()?;
+    let mut sweep = arguments.location.open()?;
     let manner = worker::Manner {
         every: arguments.checkpoints.checkpoint_every as usize,
         ticks: !arguments.task,

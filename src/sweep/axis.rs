@@ -188,7 +188,7 @@ fn flat(path: &str, table: &Table) -> Vec<(String, Value)> {
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng;
-    use rand_chacha::ChaCha8Rng;
+    use rand::rngs::ChaCha8Rng;
 
     use super::*;
 

@@ -9,7 +9,7 @@ use crate::cost;
 
 /// Work, in any unit common to all trials.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Work {
+pub struct WorkAmount {
     /// Completed work of all workers.
     pub done: f64,
     /// Estimated remaining work.
@@ -26,7 +26,7 @@ struct TrialWork {
     /// Whether it is complete or has failed.
     is_over: bool,
     /// Fraction of its steps that are done.
-    share: f64,
+    fraction: f64,
 }
 
 /// Expected reduction of the number of trials.
@@ -43,18 +43,18 @@ struct Ladder {
 
 impl Ladder {
     /// Returns the work of these trials, and of those not planned yet.
-    fn work(&self, trials: &[TrialWork]) -> Work {
+    fn work(&self, trials: &[TrialWork]) -> WorkAmount {
         let count = trials.len().max(1) as f64;
         let mean = trials.iter().map(|trial| trial.whole).sum::<f64>() / count;
         let begins = |rung: usize| if rung == 0 { 0.0 } else { self.rungs[rung - 1] };
-        let mut work = Work::default();
+        let mut work = WorkAmount::default();
         for trial in trials {
-            let share = if trial.passed == 0 { 0.0 } else { self.rungs[trial.passed - 1] };
-            let share = if trial.is_over { share } else { share.max(trial.share) };
-            work.done += trial.whole * share;
+            let fraction = if trial.passed == 0 { 0.0 } else { self.rungs[trial.passed - 1] };
+            let fraction = if trial.is_over { fraction } else { fraction.max(trial.fraction) };
+            work.done += trial.whole * fraction;
             // Below the first rung, the remaining work is certain.
             if trial.passed == 0 && !trial.is_over {
-                work.left += trial.whole * (self.rungs[0] - share).max(0.0);
+                work.left += trial.whole * (self.rungs[0] - fraction).max(0.0);
             }
         }
         work.left += (self.unplanned * self.replicates) as f64 * mean * self.rungs[0];
@@ -65,7 +65,7 @@ impl Ladder {
             configurations = (configurations / self.keep).max(passed / self.replicates);
             // The part of a run between two rungs, as a number of trials.
             let length = self.rungs[rung] - begins(rung);
-            let part = |trial: &TrialWork| ((trial.share - begins(rung)) / length).clamp(0.0, 1.0);
+            let part = |trial: &TrialWork| ((trial.fraction - begins(rung)) / length).clamp(0.0, 1.0);
             let running = |trial: &&TrialWork| trial.passed == rung && !trial.is_over;
             let done = passed as f64 + trials.iter().filter(running).map(part).sum::<f64>();
             work.left += mean * length * ((configurations * self.replicates) as f64 - done).max(0.0);
@@ -85,7 +85,7 @@ impl Estimate {
     ///
     /// # Errors
     /// If the settings of a trial are wrong.
-    pub fn of(&mut self, sweep: &Sweep, steps: &HashMap<String, (usize, usize)>) -> Result<Work> {
+    pub fn of(&mut self, sweep: &Sweep, steps: &HashMap<String, (usize, usize)>) -> Result<WorkAmount> {
         let (space, rungs) = (&sweep.space, sweep.space.halving.as_ref().map(|halving| &halving.rungs));
         let mut trials = Vec::with_capacity(sweep.plan.trials.len());
         for (index, trial) in sweep.plan.trials.iter().enumerate() {
@@ -98,12 +98,12 @@ impl Estimate {
             let passed = record.map_or(0, |record| {
                 rungs.map_or(0, |rungs| rungs.iter().take_while(|step| record.rungs.contains_key(step)).count())
             });
-            let share = steps.get(&trial.id).map_or(0.0, |&(step, all)| step as f64 / all.max(1) as f64);
+            let fraction = steps.get(&trial.id).map_or(0.0, |&(step, all)| step as f64 / all.max(1) as f64);
             trials.push(TrialWork {
                 whole: self.whole[&trial.id],
                 passed: if is_done { rungs.map_or(1, Vec::len) } else { passed },
                 is_over: jobs::is_over(&sweep.plan, &sweep.ledger, index),
-                share,
+                fraction,
             });
         }
         let replicates = trials.len().checked_div(sweep.plan.configurations.len()).unwrap_or(1);
@@ -132,7 +132,7 @@ impl Estimate {
 mod tests {
     use super::*;
 
-    const OPEN: TrialWork = TrialWork { whole: 900.0, passed: 0, is_over: false, share: 0.0 };
+    const OPEN: TrialWork = TrialWork { whole: 900.0, passed: 0, is_over: false, fraction: 0.0 };
 
     fn halving(unplanned: usize) -> Ladder {
         Ladder { rungs: vec![1.0 / 9.0, 1.0 / 3.0, 1.0], keep: 3, replicates: 1, unplanned }
@@ -140,7 +140,7 @@ mod tests {
 
     /// Returns completed and remaining work, for trials whose unit is a step.
     fn work(ladder: &Ladder, trials: &[TrialWork]) -> (f64, f64) {
-        let Work { done, left } = ladder.work(trials);
+        let WorkAmount { done, left } = ladder.work(trials);
         ((1e6 * done).round() / 1e6, (1e6 * left).round() / 1e6)
     }
 
@@ -149,7 +149,7 @@ mod tests {
         let ladder = Ladder { rungs: vec![1.0], keep: 1, replicates: 1, unplanned: 0 };
         let (short, done) = (TrialWork { whole: 100.0, ..OPEN }, TrialWork { passed: 1, is_over: true, ..OPEN });
         let failed = TrialWork { is_over: true, ..OPEN };
-        let running = TrialWork { share: 0.25, ..OPEN };
+        let running = TrialWork { fraction: 0.25, ..OPEN };
         assert_eq!(work(&ladder, &[OPEN, short]), (0.0, 1000.0));
         assert_eq!(work(&ladder, &[running, short, done, failed]), (225.0 + 900.0, 675.0 + 100.0));
     }
@@ -162,7 +162,7 @@ mod tests {
         // All have reached the first rung and five the second; one is halfway from there to the end.
         trials.iter_mut().for_each(|trial| trial.passed = 1);
         trials[..5].iter_mut().for_each(|trial| trial.passed = 2);
-        trials[0].share = 2.0 / 3.0;
+        trials[0].fraction = 2.0 / 3.0;
         assert_eq!(work(&halving(0), &trials), (2700.0 + 1000.0 + 300.0, 800.0 + 1500.0));
         // More than 1/3 advanced, so more will again.
         trials[..18].iter_mut().for_each(|trial| trial.passed = 2);

@@ -19,9 +19,9 @@ use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::{
     Sweep,
-    estimate::{Estimate, Work},
+    estimate::{Estimate, WorkAmount},
     jobs,
-    place::{Checkpoints, Place},
+    location::{Checkpoints, SweepLocation},
     status,
     worker::Tick,
 };
@@ -32,7 +32,7 @@ use crate::{output::make_folder, progress};
 #[derive(Args)]
 pub struct Arguments {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     #[command(flatten)]
     checkpoints: Checkpoints,
     /// Worker processes; the cores are divided among them.
@@ -54,7 +54,7 @@ enum Message {
 /// Runs workers until no work is left.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
-    let sweep = arguments.place.open()?;
+    let sweep = arguments.location.open()?;
     make_folder(&sweep.folder.logs())?;
     let mut crew = Crew::new(arguments, sweep, stop);
     crew.run()?;
@@ -90,7 +90,7 @@ impl<'a> Crew<'a> {
         if terminal::is_quiet() {
             all.set_draw_target(ProgressDrawTarget::hidden());
         }
-        let total = progress::bar(progress::SHARES, "sweep").among(&all);
+        let total = progress::bar(progress::FRACTION_UNITS, "sweep").among(&all);
         let (workers, bars, steps) = (HashMap::new(), HashMap::new(), HashMap::new());
         let (estimate, inherited) = (Estimate::default(), 0.0);
         Self {
@@ -144,7 +144,7 @@ impl<'a> Crew<'a> {
         let log = self.sweep.folder.logs().join(format!("worker-{}.log", number % usize::from(self.arguments.jobs)));
         let log = OpenOptions::new().create(true).append(true).open(&log).with_context(|| log.display().to_string())?;
         let mut command = Command::new(std::env::current_exe().context("the program's own file")?);
-        command.args(["sweep", "work"]).arg(&self.arguments.place.space).arg("--out").arg(self.sweep.folder.path());
+        command.args(["sweep", "work"]).arg(&self.arguments.location.space).arg("--out").arg(self.sweep.folder.path());
         command.arg("--checkpoint-every").arg(self.arguments.checkpoints.checkpoint_every.to_string());
         command.env("RAYON_NUM_THREADS", self.threads().to_string());
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(log);
@@ -221,10 +221,10 @@ impl<'a> Crew<'a> {
 
     /// Shows the completed fraction of the work that was open at the start or was added since.
     fn show_total(&mut self) -> Result<()> {
-        let Work { done, left } = self.estimate.of(&self.sweep, &self.steps)?;
+        let WorkAmount { done, left } = self.estimate.of(&self.sweep, &self.steps)?;
         let done = done - self.inherited;
         self.total.set_message(status::words(&status::counts(&self.sweep)));
-        self.total.shares()(done / (done + left).max(f64::MIN_POSITIVE));
+        self.total.fraction_setter()(done / (done + left).max(f64::MIN_POSITIVE));
         Ok(())
     }
 

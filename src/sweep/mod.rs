@@ -12,7 +12,7 @@
 //! | `collect.rs`, `retry.rs` | one table of all trials; failed trials |
 //! | `report.rs`, `report/` | the page |
 //! | `effect.rs`, `forest.rs` | effects of a setting's values; importance of settings |
-//! | `arguments.rs`, `place.rs` | the command line; the sweep of a command |
+//! | `arguments.rs`, `location.rs` | the command line; the sweep of a command |
 
 mod arguments;
 mod axis;
@@ -25,7 +25,7 @@ mod halving;
 mod jobs;
 mod journal;
 mod local;
-mod place;
+mod location;
 mod plan;
 mod queue;
 mod report;

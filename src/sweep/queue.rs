@@ -7,15 +7,15 @@ use serde::{Deserialize, Serialize};
 
 /// A submitted job, as a line of the folder's list.
 #[derive(Serialize, Deserialize)]
-pub struct Sent {
+pub struct SubmittedJob {
     /// Number of the job.
     pub job: String,
     /// Number of tasks in its array.
     pub tasks: u32,
 }
 
-/// The list of submitted jobs, in the folder of a sweep.
-pub const SENT: &str = "slurm.jsonl";
+/// File that lists submitted jobs, in the folder of a sweep.
+pub const JOBS_FILE: &str = "slurm.jsonl";
 
 /// Answers of Slurm.
 #[derive(Debug, PartialEq, Serialize)]
@@ -43,10 +43,13 @@ impl Queue {
     /// # Errors
     /// If the folder's list of jobs cannot be read.
     pub fn ask(folder: &Path) -> Result<Option<Self>> {
-        let list = folder.join(SENT);
+        let list = folder.join(JOBS_FILE);
         let Ok(text) = fs::read_to_string(&list) else { return Ok(None) };
-        let jobs: Vec<String> =
-            text.lines().filter_map(|line| serde_json::from_str::<Sent>(line).ok()).map(|sent| sent.job).collect();
+        let jobs: Vec<String> = text
+            .lines()
+            .filter_map(|line| serde_json::from_str::<SubmittedJob>(line).ok())
+            .map(|submitted| submitted.job)
+            .collect();
         ensure!(!jobs.is_empty(), "{}: no line of it can be read", list.display());
         let names = jobs.join(",");
         let format = ["--format", "JobID,State,ExitCode"];

@@ -88,7 +88,7 @@ struct Configuration {
 struct Importance {
     explained: f64,
     /// Fractions by the settings' keys, the largest first.
-    shares: Vec<(String, f64)>,
+    fractions: Vec<(String, f64)>,
 }
 
 /// Returns the whole page, which is to be written to `file`.
@@ -276,10 +276,10 @@ fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &st
     let columns: Vec<Vec<f64>> =
         known.iter().map(|(row, _)| settings.iter().map(|setting| place(row, setting)).collect()).collect();
     let values: Vec<f64> = known.iter().map(|(_, log)| *log).collect();
-    let (shares, explained) = forest::importance(&columns, &values, 0)?;
-    let mut shares: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(shares).collect();
-    shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-    Some(Importance { explained, shares })
+    let (fractions, explained) = forest::importance(&columns, &values, 0)?;
+    let mut fractions: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(fractions).collect();
+    fractions.sort_by(|a, b| b.1.total_cmp(&a.1));
+    Some(Importance { explained, fractions })
 }
 
 #[cfg(test)]

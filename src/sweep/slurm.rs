@@ -17,8 +17,8 @@ use headtail_render::path_text::{path_of, text_of};
 
 use super::{
     Sweep, jobs,
-    place::{Checkpoints, Place},
-    queue::{SENT, Sent},
+    location::{Checkpoints, SweepLocation},
+    queue::{JOBS_FILE, SubmittedJob},
     worker::{self, Manner},
 };
 use crate::terminal::{note, out};
@@ -28,7 +28,7 @@ use crate::{output::make_folder, progress};
 #[derive(Args)]
 pub struct Arguments {
     #[command(flatten)]
-    place: Place,
+    location: SweepLocation,
     #[command(flatten)]
     checkpoints: Checkpoints,
     /// Tasks of the array. Default: one per open trial, up to 1000.
@@ -53,7 +53,7 @@ const MOST_TASKS: usize = 1000;
 
 /// Writes the script and submits it.
 pub fn submit(arguments: &Arguments) -> Result<()> {
-    let sweep = arguments.place.open()?;
+    let sweep = arguments.location.open()?;
     let open = (0..sweep.plan.trials.len()).filter(|&trial| !jobs::is_over(&sweep.plan, &sweep.ledger, trial)).count();
     let open = if sweep.wants_suggestions() { open.max(8) } else { open };
     ensure!(open > 0, "no trial is left to do");
@@ -73,8 +73,8 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let answer = String::from_utf8_lossy(&output.stdout);
     // On a federation, the cluster's name follows the number.
     let job = answer.trim().split(';').next().unwrap_or_default().to_owned();
-    let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(SENT))?;
-    list.write_all((serde_json::to_string(&Sent { job: job.clone(), tasks })? + "\n").as_bytes())?;
+    let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(JOBS_FILE))?;
+    list.write_all((serde_json::to_string(&SubmittedJob { job: job.clone(), tasks })? + "\n").as_bytes())?;
     out!("{job}");
     Ok(())
 }
@@ -88,7 +88,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     let here = std::env::current_dir().context("the working folder")?;
     let program = std::env::current_exe().context("the program's own file")?;
     let limit = arguments.at_once.map_or(String::new(), |at_once| format!("%{at_once}"));
-    let name = text_of(Path::new(arguments.place.space.file_stem().unwrap_or_default()));
+    let name = text_of(Path::new(arguments.location.space.file_stem().unwrap_or_default()));
     // In names of logs, Slurm's numbers begin with a percent sign.
     let log = format!("{}/slurm-%A_%a.log", absolute(&sweep.folder.logs())?.replace('%', "%%"));
     let mut text = String::from("#!/bin/bash\n");
@@ -101,8 +101,8 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
         "--signal=B:USR1@120".into(),
         format!("--output={}", quoted(&log)),
     ];
-    let file = headtail_render::file::read_text(&arguments.place.space)
-        .with_context(|| arguments.place.space.display().to_string())?;
+    let file = headtail_render::file::read_text(&arguments.location.space)
+        .with_context(|| arguments.location.space.display().to_string())?;
     let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(str::trim);
     let given =
         lines.chain(arguments.sbatch.iter().map(String::as_str)).map(|line| text_of(Path::new(line)).into_owned());
@@ -116,7 +116,7 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     text += &format!(
         "exec {} sweep work {} --out {} --task --checkpoint-every {}\n",
         quoted(&absolute(&program)?),
-        quoted(&absolute(&arguments.place.space)?),
+        quoted(&absolute(&arguments.location.space)?),
         quoted(&absolute(sweep.folder.path())?),
         arguments.checkpoints.checkpoint_every
     );

@@ -24,7 +24,7 @@ use super::{
 };
 use crate::{
     progress::Interrupted,
-    run::{self, Checkpoints, Finished, Surroundings},
+    run::{self, Checkpoints, Finished, RunContext},
 };
 
 /// A line on a worker's standard output, for the process that shows progress.
@@ -141,7 +141,7 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
                 tick(&trial.id, progress);
             }
         };
-        let around = Surroundings {
+        let context = RunContext {
             references: sweep.folder.references(),
             tensorboard: None,
             pictures: None,
@@ -153,7 +153,7 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
         let attempt = || -> Result<Finished> {
             let mut run = plan::resolve(&sweep.space, &trial.assignment)?;
             run.checkpoints = Some(Checkpoints { folder: checkpoints, every: manner.every, resume: true });
-            run::perform(&run, around)
+            run::perform(&run, context)
         };
         catch_unwind(AssertUnwindSafe(attempt))
     };

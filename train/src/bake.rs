@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
-    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid, Share},
+    bake::{BakedTable, CellDirections, CellGrid, CellPoints, NormalGrid, StageProgress},
     head::{Condition, Head},
     tail::Tail,
 };
@@ -52,10 +52,10 @@ pub fn learned_bake_watched(
     BakedTable::require_memory(normals, cells)?;
     let points = CellPoints::new(tail, cells, POINTS);
     let positions: Vec<_> = points.positions().flatten().copied().collect();
-    let cosine = head.has_share().then(|| PulledBackCosine::new(tail, &positions));
+    let cosine = head.has_mixture_weight().then(|| PulledBackCosine::new(tail, &positions));
     let points_of_cell = positions.len() / cells.cells();
     let mut masses = vec![0.0; normals.nodes() * cells.cells()];
-    let share = Share::new(watch, (0.0, DENSITIES), normals.nodes());
+    let progress = StageProgress::new(watch, (0.0, DENSITIES), normals.nodes());
     masses.par_chunks_exact_mut(cells.cells()).enumerate().for_each(|(node, masses)| {
         let normal = normals.normal(node);
         let head = head.at(&normal.to_array()).expect("its condition is the normal");
@@ -64,13 +64,13 @@ pub fn learned_bake_watched(
             *mass = (densities.iter().map(|q| q * q).sum::<f32>() / densities.len() as f32).sqrt();
         }
         if let Some(cosine) = &cosine {
-            let share = head.share();
+            let mixture_weight = head.mixture_weight();
             let densities: Vec<f32> = cosine.densities(normal).collect();
             for (mass, densities) in masses.iter_mut().zip(densities.chunks_exact(points_of_cell)) {
                 // The mean, not the root mean square: where the map is dark, the cosine's density over Y is
                 // large, and a mixture need not follow it.
                 let mean = densities.iter().sum::<f32>() / densities.len() as f32;
-                *mass = share * *mass + (1.0 - share) * mean;
+                *mass = mixture_weight * *mass + (1.0 - mixture_weight) * mean;
             }
         }
         let (mut light, mut count) = (0.0, 0.0);
@@ -81,7 +81,7 @@ pub fn learned_bake_watched(
         for mass in masses {
             *mass *= light / count;
         }
-        share.step();
+        progress.step();
     });
     CellDirections::new(tail, cells).raise(normals, &mut masses, (DENSITIES, watch));
     Ok(BakedTable::new(normals, cells, masses)?)

@@ -34,8 +34,9 @@ pub fn native_head(head: &Head) -> Result<native::Head> {
     let encoder_layers = config.encoder.map_or(0, |EncoderConfig { .. }| 2);
     let networks = [layers("layer0", config.hidden_layers + 1)?, layers("layer1", config.hidden_layers + 1)?];
     let encoder = layers("encoder", encoder_layers)?;
-    let share = layers("selection", if config.share { 2 } else { 0 })?;
-    Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?.with_share(share)?)
+    let mixture_weight = layers("selection", if config.share { 2 } else { 0 })?;
+    Ok(native::Head::new(config.condition, config.mode, config.leaky_slope, encoder, networks)?
+        .with_mixture_weight(mixture_weight)?)
 }
 
 /// Returns the exported sampler of a trained head. With `with_time` the file records the training time, so
@@ -134,9 +135,9 @@ mod tests {
                     let c = Tensor::<2>::from_data(c, &device);
                     let x = Tensor::<3>::from_data(TensorData::new(point.to_array().to_vec(), [1, 1, 2]), &device);
                     let at = native.at(condition).unwrap();
-                    if let Some(logit) = head.share_logits(c.clone()) {
-                        let expected = headtail_model::head::share_of_logit(logit.into_scalar::<f32>());
-                        assert!((at.share() - expected).abs() < 1e-6);
+                    if let Some(logit) = head.mixture_weight_logits(c.clone()) {
+                        let expected = headtail_model::head::mixture_weight_of_logit(logit.into_scalar::<f32>());
+                        assert!((at.mixture_weight() - expected).abs() < 1e-6);
                     }
                     for ((there, log), (native_there, density)) in [
                         (head.inverse(&x, c.clone()), at.invert(&[point])[0]),

@@ -13,7 +13,7 @@ use crate::{Objective, StepGradient, integrand::Batch};
 /// on `device`, which has autodiff.
 pub fn in_graph(head: &Head, objective: Objective, batch: &Batch, device: &Device) -> Option<StepGradient> {
     let (y, c) = tensors(batch, device);
-    let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.share_logits(c))?;
+    let loss = objective.of_batch(batch, head.log_density(&y, c.clone()), head.mixture_weight_logits(c))?;
     let gradients = GradientsParams::from_grads(loss.backward(), head);
     Some(StepGradient { loss: loss.into_scalar::<f32>(), d_weight: head.flat_gradients(&gradients) })
 }

@@ -1,7 +1,7 @@
 //! Pictures of a target and of a head's learned density over the square.
 
 use burn::prelude::{Tensor, TensorData};
-use headtail_model::{Head, head::share_of_logit};
+use headtail_model::{Head, head::mixture_weight_of_logit};
 use headtail_render::random::{Purpose, Stream};
 
 use crate::{FitConfig, Result, Target};
@@ -65,11 +65,12 @@ fn learned_density(head: &Head, config: &FitConfig, target: &dyn Target, conditi
     let readable = "densities are readable and convert to f32";
     let logs = head.log_density(&Tensor::from_data(y, &device), c.clone()).try_into_vec_as::<f32>().expect(readable);
     let mut densities: Vec<f32> = logs.into_iter().map(f32::exp).collect();
-    if let Some(logit) = head.share_logits(c) {
-        let share = share_of_logit(logit.into_scalar::<f32>() + target.share_logit(condition));
+    if let Some(logit) = head.mixture_weight_logits(c) {
+        let mixture_weight =
+            mixture_weight_of_logit(logit.into_scalar::<f32>() + target.mixture_weight_logit(condition));
         let values = target.at_points(condition, &points().collect::<Vec<_>>());
         for (density, values) in densities.iter_mut().zip(values) {
-            *density = share * *density + (1.0 - share) * values.brdf;
+            *density = mixture_weight * *density + (1.0 - mixture_weight) * values.brdf;
         }
     }
     Ok(densities)

@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 
 use headtail_model::{
     EncoderConfig, HeadConfig, Mode,
-    head::{SHARE_FLOOR, SHARE_HIDDEN},
+    head::{MIXTURE_WEIGHT_FLOOR, MIXTURE_WEIGHT_HIDDEN},
 };
 use headtail_render::spline::{MIN_BIN, MIN_SLOPE, SLOPE_OFFSET, bin_count};
 
@@ -25,14 +25,14 @@ pub fn log_chi_square(config: &HeadConfig, weights: &[f64], batch: &Batch) -> f6
             continue;
         }
         lit += 1;
-        let head = Head::new(config, weights, c, f64::from(points.share_logit));
+        let head = Head::new(config, weights, c, f64::from(points.mixture_weight_logit));
         let product = |k: usize| f64::from(points.densities[k]) * f64::from(points.weights[k]);
         let total: f64 = (0..batch.samples).map(product).sum();
         let mean = total / batch.samples as f64;
         let term = |k: usize| {
             let at = 2 * (index * batch.samples + k);
             let q = head.density(f64::from(batch.points[at]), f64::from(batch.points[at + 1]));
-            let q = head.share.map_or(q, |p| p * q + (1.0 - p) * f64::from(points.brdf[k]));
+            let q = head.mixture_weight.map_or(q, |p| p * q + (1.0 - p) * f64::from(points.brdf[k]));
             product(k) / total * f64::from(points.densities[k]) / mean / q
         };
         sum += (0..batch.samples).filter(|&k| product(k) > 0.0).map(term).sum::<f64>().ln();
@@ -72,7 +72,7 @@ struct Head<'a> {
     elevation: Vec<Layer<'a>>,
     azimuth: Vec<Layer<'a>>,
     /// Probability of drawing from the head.
-    share: Option<f64>,
+    mixture_weight: Option<f64>,
 }
 
 struct Layer<'a> {
@@ -88,7 +88,7 @@ impl Layer<'_> {
 }
 
 impl<'a> Head<'a> {
-    fn new(config: &'a HeadConfig, mut weights: &'a [f64], condition: &[f32], share_logit: f64) -> Self {
+    fn new(config: &'a HeadConfig, mut weights: &'a [f64], condition: &[f32], mixture_weight_logit: f64) -> Self {
         let mut layers = |sizes: &[usize]| -> Vec<Layer<'a>> {
             let layer = |pair: &[usize]| {
                 let (weight, rest) = weights.split_at(pair[0] * pair[1]);
@@ -111,13 +111,13 @@ impl<'a> Head<'a> {
             |features: usize| layers(&[vec![seen.len() + features], hidden.clone(), vec![config.logits()]].concat());
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let floor = f64::from(SHARE_FLOOR);
-        let share = config.share.then(|| {
-            let logit = perceptron(&layers(&[seen.len(), SHARE_HIDDEN, 1]), &seen, config)[0];
-            floor + (1.0 - 2.0 * floor) / (1.0 + (-logit - share_logit).exp())
+        let floor = f64::from(MIXTURE_WEIGHT_FLOOR);
+        let mixture_weight = config.share.then(|| {
+            let logit = perceptron(&layers(&[seen.len(), MIXTURE_WEIGHT_HIDDEN, 1]), &seen, config)[0];
+            floor + (1.0 - 2.0 * floor) / (1.0 + (-logit - mixture_weight_logit).exp())
         });
         assert!(weights.is_empty(), "the weights are those of a head of this shape");
-        Self { config, seen, elevation, azimuth, share }
+        Self { config, seen, elevation, azimuth, mixture_weight }
     }
 
     /// Returns the density at `y = (u, v)`.

@@ -55,11 +55,11 @@ impl Validation {
             let read = "densities are readable and convert to f32";
             let (y, c) = tensors(&batch, device);
             let log_q = head.log_density(&y, c.clone()).try_into_vec_as::<f32>().expect(read);
-            let logits = head.share_logits(c).map(|logits| logits.try_into_vec_as::<f32>().expect(read));
+            let logits = head.mixture_weight_logits(c).map(|logits| logits.try_into_vec_as::<f32>().expect(read));
             let mut unused = vec![0.0; batch.samples];
             for (index, log_q) in log_q.chunks_exact(batch.samples).enumerate() {
                 let mut evaluate = |loss: Loss| {
-                    let mut out = LossDerivatives { d_log_q: &mut unused, d_share: 0.0 };
+                    let mut out = LossDerivatives { d_log_q: &mut unused, d_mixture_weight_logit: 0.0 };
                     let logit = logits.as_ref().map(|logits| logits[index]);
                     Objective::from(loss).evaluate(&batch.condition(index), log_q, logit, &mut out).map(f64::from)
                 };

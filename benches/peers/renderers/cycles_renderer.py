@@ -13,7 +13,7 @@ from views import ALBEDO, z_up
 
 
 class Renderer:
-    def __init__(self, picture, guiding=False):
+    def __init__(self, picture, guiding=False, portals=False):
         self.version, self.note = bpy.app.version_string, ""
         self.folder = tempfile.TemporaryDirectory()
         self.out = Path(self.folder.name) / "picture.exr"
@@ -22,6 +22,8 @@ class Renderer:
         self.add_mesh(picture)
         self.add_map(picture)
         self.add_camera(picture)
+        if portals:
+            self.add_portals(picture)
         self.set_options(picture, guiding)
 
     def add_mesh(self, picture):
@@ -54,6 +56,18 @@ class Renderer:
         placed.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
         self.scene.collection.objects.link(placed)
         self.scene.camera = placed
+
+    def add_portals(self, picture):
+        for portal in picture.portals:
+            light = bpy.data.lights.new("portal", "AREA")
+            light.shape, light.size, light.size_y = "RECTANGLE", portal["width"], portal["height"]
+            light.cycles.is_portal = True
+            placed = bpy.data.objects.new("portal", light)
+            # Area lights face -Z.
+            y, z = (mathutils.Vector(z_up(portal[name])) for name in ("up", "normal"))
+            axes = mathutils.Matrix((y.cross(-z), y, -z)).transposed().to_4x4()
+            placed.matrix_world = mathutils.Matrix.Translation(z_up(portal["center"])) @ axes
+            self.scene.collection.objects.link(placed)
 
     def set_options(self, picture, guiding):
         render, cycles = self.scene.render, self.scene.cycles

@@ -23,11 +23,13 @@ class Renderer:
         self.note = ""
         triple = lambda point: ",".join(f"{x:.9g}" for x in point)
         material = f"lambert:albedo={ALBEDO}" if picture.alpha is None else f"ggx:alpha={picture.alpha}"
+        self.view = [
+            "--scene", picture.glb, f"--look-from={triple(picture.look_from)}", f"--look-at={triple(picture.look_at)}",
+            f"--fov={picture.fov}", f"--width={picture.width}", f"--height={picture.height}", "--json",
+        ]  # fmt: skip
         self.command = [
-            program(), "render", "--scene", picture.glb, "--env", picture.map, "--material", material,
-            f"--look-from={triple(picture.look_from)}", f"--look-at={triple(picture.look_at)}", f"--fov={picture.fov}",
-            f"--width={picture.width}", f"--height={picture.height}", f"--depth={picture.depth}", f"--threads={picture.threads}",
-            f"--sampler={sampler}", "--json", "--force", "--out", str(self.out),
+            program(), "render", *self.view, "--env", picture.map, "--material", material, f"--depth={picture.depth}",
+            f"--threads={picture.threads}", f"--sampler={sampler}", "--force", "--out", str(self.out),
         ]  # fmt: skip
 
     def render(self, samples, seed):
@@ -42,6 +44,11 @@ class Renderer:
         """Returns whether the centre of each pixel sees a surface."""
         run([*self.command, "--spp=1", "--aovs"])
         return exr.read(self.out.with_suffix(".aovs.exr"), "albedo").max(-1) > 0
+
+    def portals(self):
+        """Returns the portals of the room."""
+        file = Path(self.folder.name) / "portals.gltf"
+        return json.loads(run([program(), "inspect", "--portals", *self.view, "--out", str(file)]))["portals"]
 
 
 def run(command):

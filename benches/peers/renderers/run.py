@@ -35,6 +35,7 @@ BASELINE = "Cycles"
 # Module and options of each renderer, and the measured depths.
 RENDERERS = {
     "Cycles": ("cycles_renderer", {}, (1, 4)),
+    "Cycles, portals": ("cycles_renderer", {"portals": True}, (1, 4)),
     "Cycles, path guiding": ("cycles_renderer", {"guiding": True}, (4,)),
     "LuxCore": ("luxcore_renderer", {}, (1, 4)),
     "LuxCore, visibility cache": ("luxcore_renderer", {"cache": True}, (1, 4)),
@@ -133,7 +134,9 @@ def measure_view(view, options, available, rows, folder):
         look_from=look_from, look_at=look_at, fov=fov, width=options.width, height=options.height,
         map=str(files[1].resolve()), threads=options.threads, glb=str(glb),
     )  # fmt: skip
-    coverage = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, **frame)).coverage()
+    own = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, portals=[], **frame))
+    coverage = own.coverage()
+    frame["portals"] = own.portals() if view.camera else []
     # Rounded like the file that other renderers read.
     np.savez(geometry, vertices=vertices.astype(np.float32).astype(float), faces=faces, coverage=coverage)
     known = {key(row) for row in rows}
@@ -143,7 +146,10 @@ def measure_view(view, options, available, rows, folder):
                 common = dict(view=view.name, material=material, depth=depth, renderer=name)
                 common.update({field: getattr(options, field) for field in ("runs", "width", "height", "threads")})
                 budgets = [budget for budget in sorted(options.budgets) if key({**common, "budget": budget}) not in known]
+                needs_portals = "portals" in RENDERERS[name][1]
                 if material not in options.materials or depth not in RENDERERS[name][2] or not budgets:
+                    continue
+                if needs_portals and not frame["portals"]:
                     continue
                 log(f"{view.name}, {material}, depth {depth}: {name}")
                 picture = dict(alpha=views.MATERIALS[material], depth=depth, **frame)

@@ -36,11 +36,11 @@ VIEWS = [
     ),
     View(
         "breakfast room, kloofendal", "rooms/breakfast_room", "kloofendal_overcast_1k",
-        ([-0.196, 0.92, 3.238], [-0.192, 0.90, 2.905], 45.0),
+        ([-0.196, 0.92, 3.238], [-0.192, 0.90, 2.905], 45.0), ("diffuse", "glossy"),
     ),
     View(
         "staircase, venice", "rooms/wooden_staircase", "venice_sunset_1k",
-        ([0.0, 1.6, 1.5], [-0.1, 2.1, -2.5], 65.0),
+        ([0.0, 1.6, 1.5], [-0.1, 2.1, -2.5], 65.0), ("diffuse", "glossy"),
     ),
 ]  # fmt: skip
 
@@ -61,6 +61,7 @@ class Picture:
     depth: int  # surfaces that light visits; 1 is direct light
     threads: int
     glb: str  # a file of the same triangles
+    portals: list  # of rooms: those of `headtail inspect --portals`
 
 
 def opened(view, data):

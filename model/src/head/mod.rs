@@ -3,12 +3,12 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `config.rs` | the shape of a head |
-//! | `share.rs` | the network of the learned mixture weight |
+//! | `mixture_weight.rs` | the network of the learned mixture weight |
 //! | `flat.rs` | weights and gradients as one list |
 
 mod config;
 mod flat;
-mod share;
+mod mixture_weight;
 #[cfg(test)]
 mod tests;
 
@@ -20,7 +20,10 @@ use burn::{
 
 pub use config::{EncoderConfig, HeadConfig};
 use headtail_render::head::Mode;
-pub use share::{SHARE_FLOOR, SHARE_HIDDEN, ShareNetwork, share_of_logit, share_of_logits};
+pub use mixture_weight::{
+    MIXTURE_WEIGHT_FLOOR, MIXTURE_WEIGHT_HIDDEN, MixtureWeightNetwork, mixture_weight_of_logit,
+    mixture_weight_of_logits,
+};
 
 use crate::{
     Error, NamedTensor, Result,
@@ -43,7 +46,7 @@ pub struct Head {
     encoder: Vec<Linear>,
     layers: Vec<Coupling>,
     /// Empty, or one network.
-    share: Vec<ShareNetwork>,
+    mixture_weight: Vec<MixtureWeightNetwork>,
     #[module(skip)]
     config: HeadConfig,
 }
@@ -79,12 +82,12 @@ impl Head {
         let mut layer = |target, other| Coupling::new(target, other, shape, slope, &mut initializer, device);
         let layers =
             vec![layer(Coordinate::Elevation, first_sees), layer(Coordinate::Azimuth, Some(Coordinate::Elevation))];
-        let share = if config.share {
-            vec![ShareNetwork::new(config.network_condition(), slope, &mut initializer, device)]
+        let mixture_weight = if config.share {
+            vec![MixtureWeightNetwork::new(config.network_condition(), slope, &mut initializer, device)]
         } else {
             Vec::new()
         };
-        Ok(Self { encoder, layers, share, config })
+        Ok(Self { encoder, layers, mixture_weight, config })
     }
 
     /// Returns the head's shape.
@@ -130,9 +133,9 @@ impl Head {
     }
 
     /// Returns logits `[conditions, 1]` of the probability of drawing from the head rather than from the
-    /// BRDF, for [`share_of_logit`]; `None` without [`HeadConfig::share`].
-    pub fn share_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
-        let [network] = self.share.as_slice() else { return None };
+    /// BRDF, for [`mixture_weight_of_logit`]; `None` without [`HeadConfig::share`].
+    pub fn mixture_weight_logits(&self, c: Tensor<2>) -> Option<Tensor<2>> {
+        let [network] = self.mixture_weight.as_slice() else { return None };
         Some(network.logits(self.encode(c)))
     }
 
@@ -169,13 +172,13 @@ impl Head {
     /// Iterates over the networks with their names in exported files, in the order in which they are drawn.
     fn parts(&self) -> impl Iterator<Item = (&'static str, &[Linear])> {
         let layers = self.layers.iter().map(|layer| layer.network().linears());
-        let networks = layers.chain(self.share.iter().map(ShareNetwork::linears));
+        let networks = layers.chain(self.mixture_weight.iter().map(MixtureWeightNetwork::linears));
         PARTS.into_iter().zip(std::iter::once(&self.encoder[..]).chain(networks))
     }
 
     fn parts_mut(&mut self) -> impl Iterator<Item = (&'static str, &mut Vec<Linear>)> {
         let layers = self.layers.iter_mut().map(|layer| layer.network_mut().linears_mut());
-        let networks = layers.chain(self.share.iter_mut().map(ShareNetwork::linears_mut));
+        let networks = layers.chain(self.mixture_weight.iter_mut().map(MixtureWeightNetwork::linears_mut));
         PARTS.into_iter().zip(std::iter::once(&mut self.encoder).chain(networks))
     }
 

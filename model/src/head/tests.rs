@@ -7,7 +7,7 @@ use burn::{
 };
 use headtail_render::random::{Purpose, Stream};
 
-use super::{EncoderConfig, Head, HeadConfig, share_of_logit, share_of_logits};
+use super::{EncoderConfig, Head, HeadConfig, mixture_weight_of_logit, mixture_weight_of_logits};
 use crate::{Condition, Error, Mode, NamedTensor, linear::read};
 
 const MODES: [Mode; 2] = [Mode::Coupled, Mode::Autoregressive];
@@ -240,19 +240,19 @@ fn a_new_head_and_brdf_sampling_are_equally_likely() {
     let device = Device::flex();
     let config = HeadConfig { share: true, ..MICROFACET };
     let head = Head::new(config, 4, &device).unwrap();
-    let logits = head.share_logits(conditions(5, 12, 1, &device)).unwrap();
+    let logits = head.mixture_weight_logits(conditions(5, 12, 1, &device)).unwrap();
     assert_eq!(logits.dims(), [5, 1]);
-    assert!(read(share_of_logits(logits)).iter().all(|p| (p - 0.5).abs() < 1e-6));
-    assert!(Head::new(MICROFACET, 4, &device).unwrap().share_logits(conditions(1, 12, 1, &device)).is_none());
+    assert!(read(mixture_weight_of_logits(logits)).iter().all(|p| (p - 0.5).abs() < 1e-6));
+    assert!(Head::new(MICROFACET, 4, &device).unwrap().mixture_weight_logits(conditions(1, 12, 1, &device)).is_none());
 }
 
 #[test]
 fn both_strategies_keep_a_minimum_probability() {
     let logits = [-1e30_f32, -30.0, -1.0, 0.0, 2.0, 30.0, 1e30];
     let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &Device::flex());
-    for (logit, p) in logits.into_iter().zip(read(share_of_logits(in_graph))) {
-        assert!((0.02..=0.98).contains(&share_of_logit(logit)), "{logit}");
-        assert!((p - share_of_logit(logit)).abs() < 1e-6, "{logit}: {p}");
+    for (logit, p) in logits.into_iter().zip(read(mixture_weight_of_logits(in_graph))) {
+        assert!((0.02..=0.98).contains(&mixture_weight_of_logit(logit)), "{logit}");
+        assert!((p - mixture_weight_of_logit(logit)).abs() < 1e-6, "{logit}: {p}");
     }
 }
 
@@ -260,7 +260,7 @@ fn both_strategies_keep_a_minimum_probability() {
 fn the_mixture_weight_depends_on_the_condition() {
     let device = Device::flex();
     let config = HeadConfig { share: true, ..HeadConfig::COSINE };
-    let logits = read(random_head(config, 60, &device).share_logits(conditions(2, 3, 9, &device)).unwrap());
+    let logits = read(random_head(config, 60, &device).mixture_weight_logits(conditions(2, 3, 9, &device)).unwrap());
     assert_ne!(logits[0], logits[1]);
 }
 
@@ -295,7 +295,7 @@ fn flat_gradients_have_the_order_of_flat_weights() {
         let head = random_head(config, 80 + seed as u64, &device);
         let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));
         let mut loss = head.log_density(&y, c.clone()).mean();
-        if let Some(logits) = head.share_logits(c) {
+        if let Some(logits) = head.mixture_weight_logits(c) {
             loss = loss + logits.mean();
         }
         let gradients = GradientsParams::from_grads(loss.backward(), &head);

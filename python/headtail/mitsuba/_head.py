@@ -7,13 +7,13 @@ import mitsuba as mi
 from headtail import HeadtailError
 
 from ._network import Layer, Network
-from ._patches import Patches, shares
+from ._patches import Patches, mixture_weight_by_width
 from ._spline import Spline
 from ._tails import tail_of
 from ._warp import directions, positive, squares
 
 NORMAL, VIEW, WIDTH = 3, 10, 12
-SHARE_FLOOR = 0.02
+MIXTURE_WEIGHT_FLOOR = 0.02
 
 
 class Head:
@@ -21,17 +21,17 @@ class Head:
     evaluates their density."""
 
     def __init__(self, arrays, loops=None):
-        self.condition, coupled, encoder, elevation, azimuth, share, *_ = (int(number) for number in arrays["head.shape"])
+        self.condition, coupled, encoder, elevation, azimuth, mixture_weight, *_ = (int(number) for number in arrays["head.shape"])
         if self.condition not in (NORMAL, VIEW, WIDTH):
             raise HeadtailError("file: holds a head for measured materials, of which Mitsuba's BSDFs say nothing")
-        self.is_coupled, self.has_share = bool(coupled), share > 0
+        self.is_coupled, self.has_mixture_weight = bool(coupled), mixture_weight > 0
         layers = [Layer(arrays["head.weights"], row) for row in arrays["head.layers"]]
         slope = float(arrays["head.slope"][0])
         parts = []
-        for count in (encoder, elevation, azimuth, share):
+        for count in (encoder, elevation, azimuth, mixture_weight):
             parts.append(Network(layers[:count], slope, ends_leaky=not parts, loops=loops))
             layers = layers[count:]
-        self.encoder, self.elevation, self.azimuth, self.share_network = parts
+        self.encoder, self.elevation, self.azimuth, self.mixture_weight_network = parts
 
     def prepare(self, at):
         """Returns the networks' input at a shading point: the condition and the encoder's output."""
@@ -43,11 +43,11 @@ class Head:
             seen += [at.alpha, dr.log(at.alpha)]
         return seen + self.encoder(seen)
 
-    def share(self, seen, prior=0):
-        """Returns the learned selection probability of the head beside BSDF sampling; `prior` is added to its
+    def mixture_weight(self, seen, prior=0):
+        """Returns the learned mixture weight of the head beside BSDF sampling; `prior` is added to its
         logit."""
-        (logit,) = self.share_network(seen)
-        return SHARE_FLOOR + (1 - 2 * SHARE_FLOOR) / (1 + dr.exp(-logit - prior))
+        (logit,) = self.mixture_weight_network(seen)
+        return MIXTURE_WEIGHT_FLOOR + (1 - 2 * MIXTURE_WEIGHT_FLOOR) / (1 + dr.exp(-logit - prior))
 
     def elevation_spline(self, seen, u):
         if self.is_coupled:
@@ -82,15 +82,15 @@ class HeadOverTail:
         self.head, self.tail = Head(arrays, loops), tail_of(arrays)
         # Without directions in its condition, the head's mixture weight is learned for diffuse surfaces only.
         self.sees_lobes = self.head.condition != NORMAL
-        self.has_share = self.sees_lobes and self.head.has_share
+        self.has_mixture_weight = self.sees_lobes and self.head.has_mixture_weight
 
     def prepare(self, at):
         """Returns the networks' input at a shading point."""
         return self.head.prepare(at)
 
-    def share(self, seen):
-        """Returns the learned selection probability beside BSDF sampling."""
-        return self.head.share(seen)
+    def mixture_weight(self, seen):
+        """Returns the learned mixture weight beside BSDF sampling."""
+        return self.head.mixture_weight(seen)
 
     def sample(self, seen, z, active=True):
         """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
@@ -109,7 +109,7 @@ class HeadOverTail:
 class HeadOverPatches:
     """The sampler of a head over patches of sky, whose residual the head samples."""
 
-    sees_lobes = has_share = True
+    sees_lobes = has_mixture_weight = True
 
     def __init__(self, arrays, loops=None):
         self.head, self.patches = Head(arrays, loops), Patches(arrays)
@@ -118,15 +118,15 @@ class HeadOverPatches:
         """Returns a shading point and the networks' input there."""
         return at, self.head.prepare(at)
 
-    def share(self, prepared):
-        """Returns the selection probability beside BSDF sampling: the odds of patches times a learned
+    def mixture_weight(self, prepared):
+        """Returns the mixture weight beside BSDF sampling: the odds of patches times a learned
         factor."""
         at, seen = prepared
-        share = mi.Float(1) if at.is_diffuse else shares((at.diffuse, at.specular, at.f0, at.alpha))
-        if not self.head.has_share:
-            return share
-        inside = dr.clip((share - SHARE_FLOOR) / (1 - 2 * SHARE_FLOOR), 1e-3, 1 - 1e-3)
-        return self.head.share(seen, dr.log(inside / (1 - inside)))
+        mixture_weight = mi.Float(1) if at.is_diffuse else mixture_weight_by_width((at.diffuse, at.specular, at.f0, at.alpha))
+        if not self.head.has_mixture_weight:
+            return mixture_weight
+        inside = dr.clip((mixture_weight - MIXTURE_WEIGHT_FLOOR) / (1 - 2 * MIXTURE_WEIGHT_FLOOR), 1e-3, 1 - 1e-3)
+        return self.head.mixture_weight(seen, dr.log(inside / (1 - inside)))
 
     def sample(self, prepared, z, active=True):
         """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""

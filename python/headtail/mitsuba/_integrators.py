@@ -121,9 +121,9 @@ class Light:
         prepared = self.product.prepare(Point(n, wo, lobes if sees_lobes else None))
         if self.surfaces.are_diffuse:
             return [self.product_alone(sampler, si, bsdf, prepared, active)]
-        if self.product.has_share:
-            share = dr.select(can_draw, self.product.share(prepared), 0)
-            return [self.product_beside_bsdf(sampler, si, bsdf, prepared, share, active)]
+        if self.product.has_mixture_weight:
+            mixture_weight = dr.select(can_draw, self.product.mixture_weight(prepared), 0)
+            return [self.product_beside_bsdf(sampler, si, bsdf, prepared, mixture_weight, active)]
         return self.product_and_bsdf(sampler, si, bsdf, prepared, active)
 
     def patches_alone(self, sampler, si, bsdf, n, wo, active):
@@ -146,35 +146,35 @@ class Light:
         context, z = mi.BSDFContext(), sampler.next_2d(active)
         *lobes, can_draw = self.surfaces.lobes(bsdf, si, active)
         at = Point(n, wo, lobes)
-        share = dr.select(can_draw, self.product.share(at), 0)
-        by_product = z.x < share
+        mixture_weight = dr.select(can_draw, self.product.mixture_weight(at), 0)
+        by_product = z.x < mixture_weight
         by_bsdf = active & ~by_product
         drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
-        z.x = dr.select(by_product, remap(z.x, 0, share), 0)
+        z.x = dr.select(by_product, remap(z.x, 0, mixture_weight), 0)
         local, pdf = self.product.sample(at, z, by_bsdf, self.to_map @ si.to_world(drawn.wo), active)
         wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
-        return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
+        return self.mixed(si, bsdf, mixture_weight, pdf, wi, by_bsdf, drawn, weight, active)
 
-    def product_beside_bsdf(self, sampler, si, bsdf, prepared, share, active):
+    def product_beside_bsdf(self, sampler, si, bsdf, prepared, mixture_weight, active):
         """Samples one direction by a head or the BSDF, with the mixture's pdf and the head's selection
         probability."""
         z = sampler.next_2d(active)
-        by_bsdf = active & ~(z.x < share)
+        by_bsdf = active & ~(z.x < mixture_weight)
         drawn, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), by_bsdf)
-        z.x = dr.select(by_bsdf, 0, remap(z.x, 0, share))
+        z.x = dr.select(by_bsdf, 0, remap(z.x, 0, mixture_weight))
         local, pdf = self.product.sample(prepared, z, active & ~by_bsdf)
         wi = dr.select(by_bsdf, si.to_world(drawn.wo), self.to_world @ local)
         pdf = dr.select(by_bsdf, self.product.pdf(prepared, self.to_map @ wi, by_bsdf), pdf)
-        return self.mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active)
+        return self.mixed(si, bsdf, mixture_weight, pdf, wi, by_bsdf, drawn, weight, active)
 
     @staticmethod
-    def mixed(si, bsdf, share, pdf, wi, by_bsdf, drawn, weight, active):
+    def mixed(si, bsdf, mixture_weight, pdf, wi, by_bsdf, drawn, weight, active):
         """Weights a direction of the product or of the BSDF by the mixture's pdf."""
         value, other = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wi), active)
-        mixed = share * pdf + (1 - share) * other
+        mixed = mixture_weight * pdf + (1 - mixture_weight) * other
         # A delta lobe has no density, so it is a separate technique.
         is_delta = by_bsdf & mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
-        ratio = dr.select(is_delta, weight / (1 - share), dr.select(mixed > 0, value / mixed, 0))
+        ratio = dr.select(is_delta, weight / (1 - mixture_weight), dr.select(mixed > 0, value / mixed, 0))
         return wi, ratio, active & (by_bsdf | (pdf > 0))
 
     def product_and_bsdf(self, sampler, si, bsdf, prepared, active):
@@ -188,8 +188,8 @@ class Light:
         wi = si.to_world(drawn.wo)
         is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
         pdf = dr.select(is_delta, 0, self.product.pdf(prepared, self.to_map @ wi, active & ~is_delta))
-        share = dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
-        return [first, (wi, dr.select(drawn.pdf > 0, weight * share, 0), active)]
+        fraction = dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
+        return [first, (wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active)]
 
     def reflected(self, scene, sampler, ray, si, bsdf, hit, misses):
         """Returns the environment's light reflected at hits, and that along the rays of `misses`."""

@@ -92,9 +92,9 @@ class Patch:
         x = 1 - squared_half
         fourth = dr.square(dr.square(x))
         fresnel = dr.fma(1 - at.f0, fourth * fourth * fourth, at.f0)
-        share = dr.sqrt(visible) if is_leaf else visible
+        fraction = dr.sqrt(visible) if is_leaf else visible
         lobe = dr.inv_pi * product * dr.sqrt(product) * cos_i / (scaled * scaled * shadowing)
-        return share * fresnel * lobe
+        return fraction * fresnel * lobe
 
 
 def dot(a, b):
@@ -126,26 +126,25 @@ class Point:
             self.cos_o = dr.maximum(dot(n, wo), 1e-4)
 
 
-def shares(lobes):
-    """Returns the selection probability of the product beside BSDF sampling, by the width of lobes alone."""
+def mixture_weight_by_width(lobes):
+    """Returns the mixture weight of the product beside BSDF sampling, by the width of lobes alone."""
     diffuse, specular, f0, alpha = lobes
-    return share_beside_lobe(by_width(alpha), diffuse, specular, f0)
+    return mixture_weight_beside_lobe(by_width(alpha), diffuse, specular, f0)
 
 
 def by_width(alpha):
-    """Returns the probability of BSDF sampling for a lobe by its width alone."""
+    """Returns the mixture weight of BSDF sampling for a lobe by its width alone."""
     return dr.clip(0.5 * dr.power(0.05 / alpha, 1.25), LEAST_BRDF, MOST_BRDF)
 
 
-def share_beside_lobe(of_lobe, diffuse, specular, f0):
-    """Returns the selection probability of the product from the probability of BSDF sampling for the glossy
-    lobe alone."""
+def mixture_weight_beside_lobe(of_lobe, diffuse, specular, f0):
+    """Returns the mixture weight of the product from that of BSDF sampling for the glossy lobe alone."""
     reflected = specular * dr.maximum(f0, LEAST_REFLECTED)
     return dr.select(specular > 0, 1 - of_lobe * reflected / (reflected + diffuse), 1)
 
 
-def share_beside_bsdf(at, total, squared):
-    """Returns the selection probability of the product by the width of lobes and the unevenness of the light in them.
+def mixture_weight_beside_bsdf(at, total, squared):
+    """Returns the mixture weight of the product by the width of lobes and the unevenness of the light in them.
 
     `total` is the reflected light, `squared` the same weighted by the density of the light.
     """
@@ -160,18 +159,18 @@ def share_beside_bsdf(at, total, squared):
     odds = dr.exp(ODDS_AT_ONE - ODDS_BY_WIDTH * width - ODDS_BY_LIGHT * dr.log(unevenness))
     least = LEAST_BRDF_SEEN * dr.exp(LEAST_BY_WIDTH * dr.maximum(math.log(0.1) - width, 0))
     of_lobe = dr.maximum(dr.minimum(odds / (1 + odds), by_width(at.alpha)), dr.minimum(least, MOST_LEAST))
-    return share_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
+    return mixture_weight_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
 
 
-def small_light_scales(own, total, share):
+def small_light_scales(own, total, mixture_weight):
     """Returns changes to running sums that give small lights a multiple of 1/4 of all samples: a factor for
     their sums, and an offset for the others."""
     rest = total - own
     odds = ODDS_OF_SMALL * dr.sqrt(own / rest)
-    quarters = dr.maximum(dr.floor(4 * share * odds / (1 + odds) + 0.5), 1)
-    quarters = dr.select(0.25 * quarters > MOST_SMALL * share, quarters - 1, quarters)
+    quarters = dr.maximum(dr.floor(4 * mixture_weight * odds / (1 + odds) + 0.5), 1)
+    quarters = dr.select(0.25 * quarters > MOST_SMALL * mixture_weight, quarters - 1, quarters)
     counts = (own > LEAST_SMALL * total) & (rest > 0) & (quarters > 0)
-    wanted = 0.25 * quarters / share
+    wanted = 0.25 * quarters / mixture_weight
     wanted = wanted / (1 - wanted) * rest
     return dr.select(counts, wanted / own, 1), dr.select(counts, wanted - own, 0)
 
@@ -194,8 +193,8 @@ def descend(forest, root, sums, total, z, given, own, left, right, top, bottom, 
         middle = sums.read(dr.maximum(split & 0x7F, 1) - 1, going)
         columns = (split & CUTS_COLUMNS) != 0
         start, end = dr.select(columns, left, top), dr.select(columns, right, bottom)
-        share = (middle - before) / dr.maximum(after - before, 1.17549435e-38)
-        cut = start + (end - start) * share
+        fraction = (middle - before) / dr.maximum(after - before, 1.17549435e-38)
+        cut = start + (end - start) * fraction
         first = dr.select(given, own < (split & 0x7F), dr.select(columns, z.x, z.y) < cut)
         before, after = dr.select(first, before, middle), dr.select(first, middle, after)
         start, end = dr.select(first, start, cut), dr.select(first, cut, end)
@@ -264,7 +263,7 @@ class Patches:
         root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
         square = mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
         place, mass, *cuts = descend(self.forest, root, sums, total, z, given, twig // (PARTS * PARTS), *square, active)
-        probability = part_share(mass, total)
+        probability = part_fraction(mass, total)
         number, probability, cuts, inverse_energy = self.level("leaves", 1, at, place, probability, z, cuts, twig // PARTS, given, active)
         rectangle = dr.gather(mi.Vector4f, self.rectangles["leaf"], number, active)
         if self.narrow > 1 or not at.is_diffuse:
@@ -274,10 +273,10 @@ class Patches:
             )
         return rectangle, cuts, probability * inverse_energy
 
-    def share(self, at):
-        """Returns the selection probability of the product beside BSDF sampling."""
+    def mixture_weight(self, at):
+        """Returns the mixture weight of the product beside BSDF sampling."""
         sums, squared = self.cluster_masses(at)
-        return share_beside_bsdf(at, sums[-1], squared)
+        return mixture_weight_beside_bsdf(at, sums[-1], squared)
 
     def cluster_masses(self, at):
         """Returns running sums of the clusters' masses, and the sum of masses weighted by the density of
@@ -295,7 +294,7 @@ class Patches:
         sums, squared = self.cluster_masses(at)
         total = sums[-1]
         if self.small > 0:
-            factor, added = small_light_scales(sums[self.small - 1], total, share_beside_bsdf(at, total, squared))
+            factor, added = small_light_scales(sums[self.small - 1], total, mixture_weight_beside_bsdf(at, total, squared))
             if not at.is_diffuse:
                 at_leaves = at.alpha >= self.narrow
                 factor, added = dr.select(at_leaves, factor, 1), dr.select(at_leaves, added, 0)
@@ -316,7 +315,7 @@ class Patches:
         place, mass, *cuts = descend(self.forest, root, sums, total, z, given, own % PARTS, *cuts, active)
         number = parent * PARTS + place
         inverse_energy = dr.gather(mi.Vector4f, self.records[name], number * 4 + 3, active).z
-        return number, probability * part_share(mass, total), cuts, inverse_energy
+        return number, probability * part_fraction(mass, total), cuts, inverse_energy
 
     @dr.syntax
     def twig_level(self, at, number, probability, z, cuts, twig, given, narrow, inverse_energy, rectangle):
@@ -334,7 +333,7 @@ class Patches:
         return Patch([number for part in parts for number in part])
 
 
-def part_share(mass, total):
+def part_fraction(mass, total):
     """Returns the fraction of a mass; 0 if there is nothing to sample."""
     return dr.select((mass > 0) & (total > 0), mass / total, 0)
 

@@ -23,7 +23,7 @@ class Table:
     """The sampler of a table from `arrays` (see `BakedTable::flat` in the crate headtail-sampling) over its
     tail."""
 
-    sees_lobes = has_share = False
+    sees_lobes = has_mixture_weight = False
 
     def __init__(self, arrays):
         self.tail = tail_of(arrays)

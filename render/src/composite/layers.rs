@@ -41,10 +41,10 @@ impl Layers {
             layers.object.pixels[index] = (object.1 / (spp * gain.as_dvec3())).as_vec3().to_array();
             let rest = f64::from(film.spp - object.0);
             if rest > 0.0 {
-                let share = (f64::from(catcher.hits) / rest) as f32;
+                let fraction = (f64::from(catcher.hits) / rest) as f32;
                 let [red, green, blue, grey] = mask.values[index];
                 let mask = if in_color { [red, green, blue] } else { [grey; 3] };
-                layers.shadow.pixels[index] = mask.map(|mask| 1.0 + share * (mask - 1.0));
+                layers.shadow.pixels[index] = mask.map(|mask| 1.0 + fraction * (mask - 1.0));
                 let behind = Vec3A::from_array(photograph.image.pixels[index]);
                 let light = Vec3A::from((catcher.thrown_back / rest).as_vec3());
                 layers.light.pixels[index] = (behind * light).to_array();

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use super::{Fabric, Layered, Source, knit, pile, weave, yarn::Strands};
+use super::{Fabric, Layered, Source, knit, pile, weave, yarn::TriangleSoup};
 use crate::{
     error::{Error, Result},
     scene::{Material, Mesh, TexturedMetallicRoughness},
@@ -57,16 +57,16 @@ impl SourceKind {
 
     pub(super) fn fabric(self) -> Result<Fabric> {
         let colors = self.fibres();
-        let mut strands: Vec<Strands> = colors.iter().map(|_| Strands::default()).collect();
+        let mut soups: Vec<TriangleSoup> = colors.iter().map(|_| TriangleSoup::default()).collect();
         match self {
-            Self::Welt => weave::welt().build(&mut strands),
-            Self::Satin => weave::satin().build(&mut strands),
-            Self::Jersey => knit::jersey().build(&mut strands[0]),
-            _ => pile::velvet(&mut strands[0]),
+            Self::Welt => weave::welt().build(&mut soups),
+            Self::Satin => weave::satin().build(&mut soups),
+            Self::Jersey => knit::jersey().build(&mut soups[0]),
+            _ => pile::velvet(&mut soups[0]),
         }
         let mut meshes = Vec::new();
-        for (material, strands) in strands.iter().enumerate() {
-            meshes.push(strands.tiled(material)?);
+        for (material, soup) in soups.iter().enumerate() {
+            meshes.push(soup.tiled(material)?);
         }
         Fabric::new(self.name(), meshes, colors)
     }

@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::yarn::{Section, Strands, irregular};
+use super::yarn::{Section, TriangleSoup, irregular};
 
 /// Segments along a loop and around the yarn.
 const STEPS: [usize; 2] = [36, 14];
@@ -28,8 +28,8 @@ pub struct Knit {
 }
 
 impl Knit {
-    /// Adds the courses of one tile to `strands`.
-    pub fn build(&self, strands: &mut Strands) {
+    /// Adds the courses of one tile to `soup`.
+    pub fn build(&self, soup: &mut TriangleSoup) {
         let [wales, courses] = self.loops;
         let (wide, high) = (1.0 / wales as f32, 1.0 / courses as f32);
         for course in 0..courses {
@@ -43,7 +43,7 @@ impl Knit {
                 let y = y + self.height * high * t.cos() + uneven(s);
                 Vec3::new(x, y, self.middle - self.depth * (2.0 * t).cos())
             };
-            strands.sweep(path, &self.section, |_| 1.0, [STEPS[0] * wales, STEPS[1]]);
+            soup.sweep(path, &self.section, |_| 1.0, [STEPS[0] * wales, STEPS[1]]);
         }
     }
 }

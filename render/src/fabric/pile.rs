@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 
 use glam::{Vec2, Vec3};
 
-use super::yarn::{Section, Strands, irregular};
+use super::yarn::{Section, TriangleSoup, irregular};
 
 /// Tufts along a side of the tile.
 const TUFTS: usize = 36;
@@ -15,7 +15,7 @@ const HEIGHT: f32 = 0.085;
 const BEND: f32 = 0.16;
 
 /// Adds flattened pile, whose fibres lean roughly along u, in waves.
-pub fn velvet(strands: &mut Strands) {
+pub fn velvet(soup: &mut TriangleSoup) {
     let section = Section::smooth(Vec2::splat(0.016));
     for (i, j) in (0..TUFTS).flat_map(|i| (0..TUFTS).map(move |j| (i, j))) {
         let jitter = Vec2::new(irregular(i, 2 * j), irregular(i, 2 * j + 1));
@@ -30,6 +30,6 @@ pub fn velvet(strands: &mut Strands) {
             Vec3::new(root.x + bent.x, root.y + bent.y, height * (1.0 - (1.0 - s) * (1.0 - s)))
         };
         // Fibres taper towards the tip.
-        strands.sweep(path, &section, |s| 1.0 - 0.75 * s.clamp(0.0, 1.0).powi(3), STEPS);
+        soup.sweep(path, &section, |s| 1.0 - 0.75 * s.clamp(0.0, 1.0).powi(3), STEPS);
     }
 }

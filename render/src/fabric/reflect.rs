@@ -73,30 +73,37 @@ impl Fabric {
     }
 
     /// Traces `samples` paths per query and adds their contributions to `out`.
-    fn trace(&self, queries: &[Query], samples: u32, random: &mut Stream, work: &mut Work, out: &mut [Vec3A]) {
-        work.rays.clear();
-        work.paths.clear();
+    fn trace(
+        &self,
+        queries: &[Query],
+        samples: u32,
+        random: &mut Stream,
+        buffers: &mut ThreadBuffers,
+        out: &mut [Vec3A],
+    ) {
+        buffers.rays.clear();
+        buffers.paths.clear();
         for (query, asked) in queries.iter().enumerate() {
             for _ in 0..samples {
                 let at = asked.uv + asked.width * gaussian(random.uniform2());
-                work.rays.push(self.seen_from(at, asked.wo));
-                work.paths.push(Path { query, throughput: Vec3A::ONE });
+                buffers.rays.push(self.seen_from(at, asked.wo));
+                buffers.paths.push(Path { query, throughput: Vec3A::ONE });
             }
         }
         for bounce in 0..MOST_BOUNCES {
-            work.hits.clear();
-            self.scene.intersect_batch(&work.rays, 0.0, |k| k as u32, &mut work.tile, &mut work.hits);
-            if work.hits.is_empty() {
+            buffers.hits.clear();
+            self.scene.intersect_batch(&buffers.rays, 0.0, |k| k as u32, &mut buffers.tile, &mut buffers.hits);
+            if buffers.hits.is_empty() {
                 break;
             }
-            self.add_direct(queries, work, out);
-            self.go_on(bounce, random, work);
+            self.add_direct(queries, buffers, out);
+            self.go_on(bounce, random, buffers);
         }
     }
 
     /// Adds the light that reaches the current hits unoccluded from `wi`.
-    fn add_direct(&self, queries: &[Query], work: &mut Work, out: &mut [Vec3A]) {
-        let Work { arena, tile, paths, hits, visible, shadow_rays, lit, .. } = work;
+    fn add_direct(&self, queries: &[Query], buffers: &mut ThreadBuffers, out: &mut [Vec3A]) {
+        let ThreadBuffers { arena, tile, paths, hits, visible, shadow_rays, lit, .. } = buffers;
         let mut columns = arena.columns::<6>(strips(hits.len()));
         let [x, y, z, red, green, blue] = columns.get_mut();
         for (place, &hit) in hits.iter().enumerate() {
@@ -126,8 +133,8 @@ impl Fabric {
     }
 
     /// Samples the next segments of the paths.
-    fn go_on(&self, bounce: u32, random: &mut Stream, work: &mut Work) {
-        let Work { arena, tile, paths, hits, rays, next, .. } = work;
+    fn go_on(&self, bounce: u32, random: &mut Stream, buffers: &mut ThreadBuffers) {
+        let ThreadBuffers { arena, tile, paths, hits, rays, next, .. } = buffers;
         let at = tile.rows();
         let mut columns = arena.columns::<9>(at.strips());
         let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
@@ -162,19 +169,20 @@ impl Fabric {
 impl Source for Fabric {
     fn reflect(&self, queries: &[Query], samples: u32, seed: u64) -> Vec<Vec3> {
         let chunk = (PATHS / samples.max(1) as usize).max(1);
-        let parts = queries.par_chunks(chunk).enumerate().map_init(Work::default, |work, (index, queries)| {
-            let mut random = Stream::new(seed, Purpose::Texture, index as u64);
-            let mut out = vec![Vec3A::ZERO; queries.len()];
-            self.trace(queries, samples, &mut random, work, &mut out);
-            out.into_iter().map(|sum| Vec3::from(sum) / samples as f32).collect::<Vec<_>>()
-        });
+        let parts =
+            queries.par_chunks(chunk).enumerate().map_init(ThreadBuffers::default, |buffers, (index, queries)| {
+                let mut random = Stream::new(seed, Purpose::Texture, index as u64);
+                let mut out = vec![Vec3A::ZERO; queries.len()];
+                self.trace(queries, samples, &mut random, buffers, &mut out);
+                out.into_iter().map(|sum| Vec3::from(sum) / samples as f32).collect::<Vec<_>>()
+            });
         parts.collect::<Vec<_>>().concat()
     }
 }
 
 /// Buffers of one thread.
 #[derive(Default)]
-struct Work {
+struct ThreadBuffers {
     arena: Arena,
     tile: Tile,
     paths: Vec<Path>,

@@ -4,7 +4,7 @@ use std::f32::consts::{PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::yarn::{Section, Strands, irregular};
+use super::yarn::{Section, TriangleSoup, irregular};
 
 /// Segments of a yarn from one crossing to the next and around it.
 const STEPS: [usize; 2] = [7, 14];
@@ -27,8 +27,8 @@ pub struct Weave {
 }
 
 impl Weave {
-    /// Adds the yarns of one tile to the strands of their materials.
-    pub fn build(&self, strands: &mut [Strands]) {
+    /// Adds the yarns of one tile to the triangles of their materials.
+    pub fn build(&self, soups: &mut [TriangleSoup]) {
         let [warps, wefts] = self.yarns;
         let place = |k: usize, count: usize| (k as f32 + 0.5) / count as f32;
         for i in 0..warps {
@@ -42,7 +42,7 @@ impl Weave {
             };
             let section = Section { twist: self.sections[0].twist + (4.0 * phase).floor(), ..self.sections[0] };
             let swell = |s: f32| 1.0 + 0.04 * (TAU * (2.0 * s + 3.0 * phase)).sin();
-            strands[(self.warp_material)(i)].sweep(path, &section, swell, [STEPS[0] * wefts, STEPS[1]]);
+            soups[(self.warp_material)(i)].sweep(path, &section, swell, [STEPS[0] * wefts, STEPS[1]]);
         }
         for j in 0..wefts {
             let y = place(j, wefts);
@@ -51,7 +51,7 @@ impl Weave {
                 let z = self.middle + self.amplitudes[1] * smooth(s, warps, side);
                 Vec3::new(s, y, z + (self.relief)(s))
             };
-            strands[0].sweep(path, &self.sections[1], |_| 1.0, [STEPS[0] * warps, STEPS[1]]);
+            soups[0].sweep(path, &self.sections[1], |_| 1.0, [STEPS[0] * warps, STEPS[1]]);
         }
     }
 }

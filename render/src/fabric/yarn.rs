@@ -35,13 +35,13 @@ impl Section {
 
 /// Triangles of one material.
 #[derive(Debug, Default)]
-pub struct Strands {
+pub struct TriangleSoup {
     positions: Vec<Vec3>,
     normals: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
 }
 
-impl Strands {
+impl TriangleSoup {
     /// Adds a strand along `path`, which is evaluated slightly beyond `[0, 1]` and may be vertical only at
     /// isolated points. `scale` multiplies the cross-section along the path; `steps` are segments along
     /// and around.
@@ -80,7 +80,7 @@ impl Strands {
         }
     }
 
-    /// Builds a mesh of the strands and of their copies in the eight neighbouring tiles.
+    /// Builds a mesh of the triangles and of their copies in the eight neighbouring tiles.
     pub fn tiled(&self, material: usize) -> Result<Mesh> {
         let (mut positions, mut normals, mut triangles) = (Vec::new(), Vec::new(), Vec::new());
         for (x, y) in (-1..=1).flat_map(|x| (-1..=1).map(move |y| (x, y))) {

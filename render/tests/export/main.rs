@@ -36,15 +36,15 @@ fn head(mode: Mode, encoder: bool) -> Head {
 }
 
 /// Returns a head with random weights, of the size that its condition requires.
-fn head_of(condition: Condition, mode: Mode, encoder: bool, share: bool) -> Head {
+fn head_of(condition: Condition, mode: Mode, encoder: bool, mixture_weight: bool) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, 0);
     let mut layers = |sizes: &[usize]| random_layers(sizes, &mut random, |_| [1.0; 2]);
     let encoder = if encoder { layers(&[condition.length(), 6, 5]) } else { Vec::new() };
     let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [layers(&[seen + features, 8, 8, 13]), layers(&[seen + 1, 8, 8, 13])];
-    let share = if share { layers(&[seen, 4, 1]) } else { Vec::new() };
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
+    let mixture_weight = if mixture_weight { layers(&[seen, 4, 1]) } else { Vec::new() };
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_mixture_weight(mixture_weight).unwrap()
 }
 
 fn table() -> BakedTable {

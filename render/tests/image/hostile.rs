@@ -17,7 +17,7 @@ fn invalid_maps_are_rejected_with_one_line_that_names_file_and_field() {
     assert!(message("magic.hdr", b"#?RADIANCE").contains("header"));
     assert!(message("size.hdr", &hdr_file(0, 4, &[])).contains("dimensions: 0 x 4 pixels"));
     assert!(message("huge.hdr", &hdr_file(4_000_000, 1_000, &[])).contains("dimensions: 4000000 x 1000"));
-    assert!(message("promise.hdr", &hdr_file(8192, 4096, &[])).contains("take at least 49152 bytes"));
+    assert!(message("oversized.hdr", &hdr_file(8192, 4096, &[])).contains("take at least 49152 bytes"));
     assert!(message("cut.hdr", &hdr_file(4, 4, &[[9; 4]; 15])).contains("pixels: the file ends too early"));
     assert!(message("flipped.hdr", b"#?RADIANCE\n\n+Y 2 +Y 2\n0123456789abcdef").contains("resolution"));
     let missing = read_radiance(&folder.path().join("missing.hdr")).unwrap_err();

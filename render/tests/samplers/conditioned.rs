@@ -114,26 +114,28 @@ fn multi_sample_estimators_of_heads_estimate_the_same_light() {
     assert!(failures.is_empty(), "{} failed:\n{}", failures.len(), failures.join("\n"));
 }
 
-/// The learned selection probability decides how often the head is sampled; near 0 and 1, directions come
+/// The learned mixture weight decides how often the head is sampled; near 0 and 1, directions come
 /// from one sampler.
 #[test]
-fn the_mixture_samples_the_head_with_its_selection_probability() {
+fn the_mixture_samples_the_head_with_its_mixture_weight() {
     let world = &WORLDS[0];
-    let share = |head: &Head, at: &ShadingPoint| AtPoint::of_table(&product(world, head), at, &BRDFS).share();
-    let shares: Vec<f32> =
-        POINTS[0].iter().flat_map(|point| HEADS.iter().map(|(_, head)| share(head, &point.at))).collect();
-    let (least, most) = shares.iter().fold((1.0_f32, 0.0_f32), |(a, b), &share| (a.min(share), b.max(share)));
-    assert!(least < 0.45 && most > 0.55, "{shares:?}: the networks of the share say nothing");
+    let mixture_weight =
+        |head: &Head, at: &ShadingPoint| AtPoint::of_table(&product(world, head), at, &BRDFS).mixture_weight();
+    let mixture_weights: Vec<f32> =
+        POINTS[0].iter().flat_map(|point| HEADS.iter().map(|(_, head)| mixture_weight(head, &point.at))).collect();
+    let (least, most) =
+        mixture_weights.iter().fold((1.0_f32, 0.0_f32), |(a, b), &weight| (a.min(weight), b.max(weight)));
+    assert!(least < 0.45 && most > 0.55, "{mixture_weights:?}: the mixture weight networks have no effect");
 
     for (point, (name, head)) in POINTS[0].iter().zip(HEADS.iter().cycle()) {
-        let (head, share) = (product(world, head), share(head, &point.at));
+        let (head, weight) = (product(world, head), mixture_weight(head, &point.at));
         let mixture = OneSampleMis::new(head.clone(), BrdfSampler);
         let [mixture, of_head, of_brdf] = [&mixture as &dyn Sampler, &head, &BrdfSampler]
             .map(|sampler| AtPoint::of_table(sampler, &point.at, &BRDFS));
         let u = uniforms(&mut Stream::new(10, Purpose::Test, 0), 1000);
         // The first number, rescaled for the selected sampler.
         let own = |u: &Vec2| {
-            let v = if u.x < share { u.x / share } else { (u.x - share) / (1.0 - share) };
+            let v = if u.x < weight { u.x / weight } else { (u.x - weight) / (1.0 - weight) };
             Vec2::new(v.min(1.0 - f32::EPSILON / 2.0), u.y)
         };
         let own: Vec<Vec2> = u.iter().map(own).collect();
@@ -143,9 +145,9 @@ fn the_mixture_samples_the_head_with_its_selection_probability() {
         let (head_pdfs, brdf_pdfs) = (of_head.pdf_many(&wi), of_brdf.pdf_many(&wi));
         for (k, sample) in drawn.iter().enumerate() {
             let Some(sample) = sample else { continue };
-            let expected = if u[k].x < share { by_head[k] } else { by_brdf[k] };
+            let expected = if u[k].x < weight { by_head[k] } else { by_brdf[k] };
             assert_eq!(sample.wi, expected.expect("the mixture has a sample").wi, "{name}, {}", point.name);
-            let mixed = share * head_pdfs[k] + (1.0 - share) * brdf_pdfs[k];
+            let mixed = weight * head_pdfs[k] + (1.0 - weight) * brdf_pdfs[k];
             assert!((sample.pdf / mixed - 1.0).abs() < 1e-2, "{name}, {}: {} {mixed}", point.name, sample.pdf);
         }
     }

@@ -210,12 +210,12 @@ fn patches_rarely_select_brdf_sampling_where_a_lobe_contains_a_lamp() {
     let patches = PatchSampler::new(light, Detail::Leaves).unwrap();
     let lamp = latlong::direction(Vec2::new(20.5 / width as f32, 9.5 / (height - 1) as f32));
     // Viewed along the normal, so that the lobe is centred on it.
-    let share = |n: Vec3A| {
+    let mixture_weight = |n: Vec3A| {
         let surface = Ggx::new(0.1, Vec3::ONE).into();
-        AtPoint::new(&patches, &ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface }).share()
+        AtPoint::new(&patches, &ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo: n, surface }).mixture_weight()
     };
     let beside = (lamp + 0.3 * lamp.any_orthonormal_vector()).normalize();
-    assert!((share(beside) - 0.98).abs() < 1e-4, "{}", share(beside));
+    assert!((mixture_weight(beside) - 0.98).abs() < 1e-4, "{}", mixture_weight(beside));
     // The lamp is below the horizon: BRDF sampling has the mixture weight for its width, 0.5 / 2^1.25.
-    assert!((share(-lamp) - 0.7898).abs() < 1e-3, "{}", share(-lamp));
+    assert!((mixture_weight(-lamp) - 0.7898).abs() < 1e-3, "{}", mixture_weight(-lamp));
 }

@@ -33,7 +33,7 @@ struct Got {
     sample: [u32; 4],
     /// Pdf of the direction `wi`.
     pdf: u32,
-    share: u32,
+    mixture_weight: u32,
     /// Reflection towards `wi`, BRDF sampling's pdf there, and the width of the lobe.
     brdf: [u32; 5],
 }
@@ -93,12 +93,12 @@ fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Ve
     let wi = columns(at, |row| given[row].wi.to_array());
     let (u, wi) = (u.each_ref().map(|column| &column[..]), wi.each_ref().map(|column| &column[..]));
     let mut out = arena.columns::<11>(at.strips());
-    let [x, y, z, drawn_pdf, pdf, share, red, green, blue, brdf_pdf, alpha] = out.get_mut();
+    let [x, y, z, drawn_pdf, pdf, mixture_weight, red, green, blue, brdf_pdf, alpha] = out.get_mut();
     prepared(sampler, at, arena, |state| {
         sampler.sample(at, state, u, Draws { wi: [x, y, z], pdf: drawn_pdf }, arena);
         sampler.pdf(at, state, wi, pdf, arena);
     });
-    sampler.share(at, share, arena);
+    sampler.mixture_weight(at, mixture_weight, arena);
     at.brdf_cosine(wi, [red, green, blue], arena);
     at.brdf_pdf(wi, brdf_pdf, arena);
     at.alpha(alpha, arena);
@@ -106,7 +106,7 @@ fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Ve
     let got = |place: usize| {
         let bits = |k: usize| out[k][place].to_bits();
         let sample = if out[3][place] > 0.0 { [0, 1, 2, 3].map(bits) } else { [0; 4] };
-        Got { sample, pdf: bits(4), share: bits(5), brdf: [6, 7, 8, 9, 10].map(bits) }
+        Got { sample, pdf: bits(4), mixture_weight: bits(5), brdf: [6, 7, 8, 9, 10].map(bits) }
     };
     (0..at.len()).map(got).collect()
 }

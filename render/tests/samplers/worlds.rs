@@ -255,8 +255,14 @@ fn random_head(mode: Mode, bins: usize, encoder: &[usize]) -> Head {
 }
 
 /// Returns a head with random weights, scaled so that logits have a spread of about one. `encoder` and
-/// `share` are the output widths of the layers of the encoder and of the selection network.
-pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[usize], share: &[usize]) -> Head {
+/// `mixture_weight` are the output widths of the layers of the encoder and of the selection network.
+pub fn random_head_of(
+    condition: Condition,
+    mode: Mode,
+    bins: usize,
+    encoder: &[usize],
+    mixture_weight: &[usize],
+) -> Head {
     let mut random = Stream::new(5, Purpose::Weights, bins as u64);
     let mut network =
         |sizes: &[usize]| random_layers(sizes, &mut random, |inputs| [2.0 * (3.0 / inputs as f32).sqrt(), 1.0]);
@@ -264,8 +270,8 @@ pub fn random_head_of(condition: Condition, mode: Mode, bins: usize, encoder: &[
     let seen = condition.length() + encoder.last().map_or(0, Linear::outputs);
     let features = if mode == Mode::Coupled { 2 } else { 0 };
     let networks = [network(&[seen + features, 16, 16, 3 * bins + 1]), network(&[seen + 1, 16, 16, 3 * bins + 1])];
-    let share = network(&[&[seen], share].concat());
-    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_share(share).unwrap()
+    let mixture_weight = network(&[&[seen], mixture_weight].concat());
+    Head::new(condition, mode, 0.01, encoder, networks).unwrap().with_mixture_weight(mixture_weight).unwrap()
 }
 
 pub fn shading_point(normal: Vec3A) -> ShadingPoint {

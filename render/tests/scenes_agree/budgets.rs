@@ -40,8 +40,8 @@ fn an_interrupted_rendering_holds_the_finished_passes() {
         points: PointSet::Sobol,
     };
     let (stop, passes) = (AtomicBool::new(false), AtomicUsize::new(0));
-    let after_two = |share: f64| {
-        assert!(share > 0.0 && share < 1.0);
+    let after_two = |fraction: f64| {
+        assert!(fraction > 0.0 && fraction < 1.0);
         if passes.fetch_add(1, Ordering::Relaxed) == 1 {
             stop.store(true, Ordering::Relaxed);
         }

@@ -56,10 +56,10 @@ fn warp(environment: &Environment, cells: usize) -> Tail {
     Tail::flow(map, width, height, &luminance).unwrap()
 }
 
-/// Returns a random head with a selection probability that depends on the normal.
+/// Returns a random head with a mixture weight that depends on the normal.
 fn selecting_head() -> Head {
     let mut random = Stream::new(6, Purpose::Weights, 0);
-    random_head(Mode::Coupled).with_share(random_layers(&[3, 8, 1], &mut random, |_| [2.0; 2])).unwrap()
+    random_head(Mode::Coupled).with_mixture_weight(random_layers(&[3, 8, 1], &mut random, |_| [2.0; 2])).unwrap()
 }
 
 /// Writes heads and tables over a flow tail and returns all specifications of them.

@@ -180,7 +180,7 @@ fn a_white_furnace_is_white() {
             }
         }
         let lost = missing / (3 * WIDTH * HEIGHT) as f32;
-        assert!(lost <= most_lost, "{name}: a share of {lost} is lost");
+        assert!(lost <= most_lost, "{name}: a fraction of {lost} is lost");
 
         let mut others = samplers(folder.path(), &environment);
         others.push(SamplerSpec::brdf());

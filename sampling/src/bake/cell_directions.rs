@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use crate::parallel::*;
 use glam::{Vec2, Vec3A};
 
-use super::{cell_grid::CellGrid, normal_grid::NormalGrid, share::Share};
+use super::{cell_grid::CellGrid, normal_grid::NormalGrid, progress::StageProgress};
 use crate::{
     columns::{strips, vectorized},
     latlong,
@@ -33,7 +33,7 @@ const WIDENING: f32 = 2.0 * 2.0 * INSET;
 /// texel only.
 const LARGEST_WEIGHT: f32 = 11.0;
 /// The largest fraction of the highest cosine in a cell that a mass is raised to.
-const LARGEST_SHARE: f32 = 0.5;
+const LARGEST_FRACTION: f32 = 0.5;
 /// Iterations of raising: the required fractions depend on the means of the raised masses.
 const ROUNDS: usize = 4;
 /// The fraction of the time of raising masses spent on the highest cosines.
@@ -104,8 +104,8 @@ impl CellDirections {
         }
         let part = |group: &Group| {
             let (centre, cos, sin) = caps[group.block()];
-            let share = if group.mass > 0.0 { 1.0 / (group.mass * of_cells[group.cell()]).sqrt() } else { 0.0 };
-            Part { scaled: share * group.sum, centre, cos, sin, excess: group.excess }
+            let scale = if group.mass > 0.0 { 1.0 / (group.mass * of_cells[group.cell()]).sqrt() } else { 0.0 };
+            Part { scaled: scale * group.sum, centre, cos, sin, excess: group.excess }
         };
         let parts = groups.iter().map(part).collect();
         Self { cells, starts, parts, light: light_of(&groups) }
@@ -158,39 +158,39 @@ impl CellDirections {
         let mut highest = vec![0.0; masses.len()];
         let reaches = normals.reaches();
         let middle = before + BOUNDS * (1.0 - before);
-        let bounds = Share::new(watch, (before, middle), normals.nodes());
+        let bounds = StageProgress::new(watch, (before, middle), normals.nodes());
         highest.par_chunks_exact_mut(count).enumerate().for_each(|(node, out)| {
             self.highest_cosines(normals.normal(node), reaches[node / normals.shape().1], out);
             bounds.step();
         });
         let served = normals.between(BETWEEN);
-        let light = Share::new(watch, (middle, 1.0), served.len());
+        let light = StageProgress::new(watch, (middle, 1.0), served.len());
         let irradiance = |normal: Vec3A| {
             light.step();
             self.irradiance(normal)
         };
         let seen: Vec<f32> = served.par_iter().map(|served| irradiance(served.normal)).collect();
-        let mut shares = vec![0.0_f32; normals.nodes()];
+        let mut fractions = vec![0.0_f32; normals.nodes()];
         for _ in 0..ROUNDS {
             let raised = |node: usize| {
                 let cells = node * count..(node + 1) * count;
                 let sum: f32 =
-                    masses[cells.clone()].iter().zip(&highest[cells]).map(|(m, h)| m.max(shares[node] * h)).sum();
+                    masses[cells.clone()].iter().zip(&highest[cells]).map(|(m, h)| m.max(fractions[node] * h)).sum();
                 sum / count as f32
             };
             let means: Vec<f32> = (0..normals.nodes()).into_par_iter().map(raised).collect();
-            shares.fill(0.0);
+            fractions.fill(0.0);
             for (served, &seen) in served.iter().zip(&seen) {
                 let mean: f32 = served.stencil().map(|(node, weight)| weight * means[node]).sum();
-                let share = (mean / (seen * served.length * LARGEST_WEIGHT)).min(LARGEST_SHARE);
+                let fraction = (mean / (seen * served.length * LARGEST_WEIGHT)).min(LARGEST_FRACTION);
                 for (node, _) in served.stencil().filter(|_| seen > 0.0) {
-                    shares[node] = shares[node].max(share);
+                    fractions[node] = fractions[node].max(fraction);
                 }
             }
         }
         for (node, (masses, highest)) in masses.chunks_exact_mut(count).zip(highest.chunks_exact(count)).enumerate() {
             for (mass, highest) in masses.iter_mut().zip(highest) {
-                *mass = mass.max(shares[node] * highest);
+                *mass = mass.max(fractions[node] * highest);
             }
         }
     }

@@ -3,7 +3,8 @@
 use crate::parallel::*;
 
 use super::{
-    cell_directions::CellDirections, cell_grid::CellGrid, normal_grid::NormalGrid, share::Share, table::BakedTable,
+    cell_directions::CellDirections, cell_grid::CellGrid, normal_grid::NormalGrid, progress::StageProgress,
+    table::BakedTable,
 };
 use crate::{error::Result, tail::Tail};
 
@@ -36,10 +37,10 @@ pub fn direct_bake_watched(
     let directions = CellDirections::new(tail, cells);
     let mut masses = vec![0.0; normals.nodes() * cells.cells()];
     let nodes = masses.par_chunks_exact_mut(cells.cells()).enumerate();
-    let share = Share::new(watch, (0.0, SQUARES), normals.nodes());
+    let progress = StageProgress::new(watch, (0.0, SQUARES), normals.nodes());
     nodes.for_each(|(node, masses)| {
         directions.root_mean_squares(normals.normal(node), masses);
-        share.step();
+        progress.step();
     });
     directions.raise(normals, &mut masses, (SQUARES, watch));
     BakedTable::new(normals, cells, masses)

@@ -8,7 +8,7 @@
 //! | `normal_grid.rs`, `cell_grid.rs` | the grids of normals and of cells of Y |
 //! | `cell_directions.rs` | the directions in each cell, and bounds on weights |
 //! | `cell_points.rs` | evenly spaced points of each cell |
-//! | `share.rs` | progress of a bake |
+//! | `progress.rs` | progress of a bake |
 
 mod cell_directions;
 mod cell_grid;
@@ -16,7 +16,7 @@ mod cell_masses;
 mod cell_points;
 mod direct;
 mod normal_grid;
-mod share;
+mod progress;
 mod table;
 
 pub use cell_directions::CellDirections;
@@ -24,5 +24,5 @@ pub use cell_grid::CellGrid;
 pub use cell_points::CellPoints;
 pub use direct::{direct_bake, direct_bake_watched};
 pub use normal_grid::NormalGrid;
-pub use share::Share;
+pub use progress::StageProgress;
 pub use table::BakedTable;

@@ -18,7 +18,7 @@ const DIELECTRIC_F0: f32 = 0.04;
 
 /// The least selection probability of each lobe where both reflect: albedos do not account for the
 /// light's direction.
-const LEAST_SHARE: f32 = 0.1;
+const LEAST_LOBE_WEIGHT: f32 = 0.1;
 
 /// Added to the albedo of the specular lobe: interpolation is off by up to 0.005 for near mirrors at
 /// grazing angles.
@@ -76,18 +76,18 @@ impl MetallicRoughness {
     }
 
     /// The selection probability of the specular lobe: its fraction of the luminance that both reflect
-    /// under a white sky, between [`LEAST_SHARE`] and 1 minus that; 1 where the diffuse lobe is black.
+    /// under a white sky, between [`LEAST_LOBE_WEIGHT`] and 1 minus that; 1 where the diffuse lobe is black.
     #[inline(always)]
-    fn specular_share(&self, cos_o: f32) -> f32 {
+    fn specular_weight(&self, cos_o: f32) -> f32 {
         let diffuse = luminance(self.diffuse.albedo) * self.left(cos_o);
         let specular = self.albedo.at(cos_o, luminance(self.specular.f0()));
         let sum = specular + diffuse;
-        let share = specular / if sum > f32::MIN_POSITIVE { sum } else { f32::MIN_POSITIVE };
-        let share = if share > LEAST_SHARE { share } else { LEAST_SHARE };
-        let share = if share < 1.0 - LEAST_SHARE { share } else { 1.0 - LEAST_SHARE };
+        let weight = specular / if sum > f32::MIN_POSITIVE { sum } else { f32::MIN_POSITIVE };
+        let weight = if weight > LEAST_LOBE_WEIGHT { weight } else { LEAST_LOBE_WEIGHT };
+        let weight = if weight < 1.0 - LEAST_LOBE_WEIGHT { weight } else { 1.0 - LEAST_LOBE_WEIGHT };
         let albedo = self.diffuse.albedo;
         let is_black = (albedo.x == 0.0) & (albedo.y == 0.0) & (albedo.z == 0.0);
-        if is_black { 1.0 } else { share }
+        if is_black { 1.0 } else { weight }
     }
 }
 
@@ -121,10 +121,10 @@ impl Kernel for MetallicRoughness {
     /// below the horizon.
     #[inline(always)]
     fn sample(&self, n: Vec3, wo: Vec3, u: Vec2) -> (Vec3, f32) {
-        let share = self.specular_share(n.dot(wo));
-        let is_specular = u.x < share;
+        let weight = self.specular_weight(n.dot(wo));
+        let is_specular = u.x < weight;
         // Stretches the chosen part of u.x to the whole interval; the second quotient may round up to 1.
-        let x = if is_specular { u.x / share } else { (u.x - share) / (1.0 - share) };
+        let x = if is_specular { u.x / weight } else { (u.x - weight) / (1.0 - weight) };
         let stretched = Vec2::new(if x < BELOW_ONE { x } else { BELOW_ONE }, u.y);
         let (specular, _) = self.specular.sample(n, wo, stretched);
         let (diffuse, _) = self.diffuse.sample(n, wo, stretched);
@@ -137,8 +137,8 @@ impl Kernel for MetallicRoughness {
     #[inline(always)]
     fn pdf(&self, n: Vec3, wo: Vec3, wi: Vec3) -> f32 {
         let cos_o = n.dot(wo);
-        let share = self.specular_share(cos_o);
-        let mixed = share * self.specular.pdf(n, wo, wi) + (1.0 - share) * self.diffuse.pdf(n, wo, wi);
+        let weight = self.specular_weight(cos_o);
+        let mixed = weight * self.specular.pdf(n, wo, wi) + (1.0 - weight) * self.diffuse.pdf(n, wo, wi);
         if (cos_o > 0.0) & (n.dot(wi) > 0.0) { mixed } else { 0.0 }
     }
 
@@ -198,8 +198,11 @@ mod tests {
         for metallic in [0.0, 0.5, 0.9999] {
             for color in [1e-6, 0.5, 1.0] {
                 for cos in [1e-3, 0.1, 1.0] {
-                    let share = MetallicRoughness::new(Vec3::splat(color), metallic, 0.3).specular_share(cos);
-                    assert!((LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share), "{metallic} {color} {cos}: {share}");
+                    let weight = MetallicRoughness::new(Vec3::splat(color), metallic, 0.3).specular_weight(cos);
+                    assert!(
+                        (LEAST_LOBE_WEIGHT..=1.0 - LEAST_LOBE_WEIGHT).contains(&weight),
+                        "{metallic} {color} {cos}: {weight}"
+                    );
                 }
             }
         }

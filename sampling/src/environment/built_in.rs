@@ -72,8 +72,8 @@ fn length(a: Vec3A) -> f32 {
     dot(a, a).sqrt()
 }
 
-fn mix(a: Vec3A, b: Vec3A, share_of_b: f32) -> Vec3A {
-    a * (1.0 - share_of_b) + b * share_of_b
+fn mix(a: Vec3A, b: Vec3A, fraction_of_b: f32) -> Vec3A {
+    a * (1.0 - fraction_of_b) + b * fraction_of_b
 }
 
 /// The angle of the point `(x, y)` in degrees.

@@ -65,9 +65,9 @@ pub(super) fn propose_mean(
             sampler.sample(at, state.get()[0], [&*u, &*v], out, arena);
         });
         timed(Stage::Shading, || {
-            let share = 1.0 / directions as f32;
+            let fraction = 1.0 / directions as f32;
             for pdf in pdf.as_flattened_mut() {
-                *pdf = if *pdf > 0.0 { share / *pdf } else { 0.0 };
+                *pdf = if *pdf > 0.0 { fraction / *pdf } else { 0.0 };
             }
             contribute(at, environment, [&*x, &*y, &*z], pdf, out, arena);
         });

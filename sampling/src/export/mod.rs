@@ -85,7 +85,7 @@ pub enum IntermediateDescription {
         /// `selection_layers` in files.
         #[serde(rename = "selection_layers")]
         #[serde(default)]
-        share_layers: usize,
+        mixture_weight_layers: usize,
     },
     /// A table over normals, baked from a head.
     Bake,
@@ -199,8 +199,8 @@ impl ExportedSampler {
     }
 
     /// Whether the file holds a head with a learned mixture weight against BRDF sampling.
-    pub fn has_share(&self) -> bool {
-        matches!(&self.intermediate, Intermediate::Head(head) if head.has_share())
+    pub fn has_mixture_weight(&self) -> bool {
+        matches!(&self.intermediate, Intermediate::Head(head) if head.has_mixture_weight())
     }
 
     /// Builds the file's complete sampler: in a mixture with BRDF sampling if the mixture weight is
@@ -209,7 +209,7 @@ impl ExportedSampler {
     /// # Errors
     /// As [`Self::sampler`].
     pub fn open(self, environment: &Arc<Environment>) -> Result<Covering<Arc<dyn Sampler>>> {
-        let mixed = self.has_share() || self.patches.is_some();
+        let mixed = self.has_mixture_weight() || self.patches.is_some();
         Covering::new(self.sampler(environment, mixed)?)
     }
 
@@ -310,7 +310,7 @@ impl ExportedSampler {
                     leaky_slope: head.leaky_slope(),
                     encoder_layers: count("encoder."),
                     network_layers: count("layer0."),
-                    share_layers: count("selection."),
+                    mixture_weight_layers: count("selection."),
                 }
             }
             Intermediate::Bake(_) => IntermediateDescription::Bake,

@@ -89,12 +89,18 @@ impl Tensors<'_> {
             return Err(Error::invalid(self.path, "patches", reason));
         }
         let intermediate = match description.intermediate {
-            IntermediateDescription::Head { mode, leaky_slope, encoder_layers, network_layers, share_layers } => {
+            IntermediateDescription::Head {
+                mode,
+                leaky_slope,
+                encoder_layers,
+                network_layers,
+                mixture_weight_layers,
+            } => {
                 let encoder = self.layers("encoder", encoder_layers)?;
                 let networks = [self.layers("layer0", network_layers)?, self.layers("layer1", network_layers)?];
-                let share = self.layers("selection", share_layers)?;
+                let mixture_weight = self.layers("selection", mixture_weight_layers)?;
                 let head = Head::new(description.condition, mode, leaky_slope, encoder, networks)
-                    .and_then(|head| head.with_share(share));
+                    .and_then(|head| head.with_mixture_weight(mixture_weight));
                 Intermediate::Head(head.map_err(|error| error.in_file(self.path))?)
             }
             IntermediateDescription::Bake => Intermediate::Bake(self.table()?),

@@ -33,7 +33,7 @@ impl Head {
             self.encoder.layers.len(),
             elevation.layers().len(),
             azimuth.layers().len(),
-            self.share.layers.len(),
+            self.mixture_weight.layers.len(),
             bin_count(elevation.outputs()),
             bin_count(azimuth.outputs()),
         ];

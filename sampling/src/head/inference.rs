@@ -5,7 +5,7 @@
 
 use glam::Vec2;
 
-use super::{Condition, Head, MAX_CONDITION, Mode, SHARE_FLOOR};
+use super::{Condition, Head, MAX_CONDITION, MIXTURE_WEIGHT_FLOOR, Mode};
 use crate::{
     brdf::OF_MATERIAL,
     columns::{Arena, vectorized},
@@ -42,7 +42,7 @@ impl Head {
     }
 
     fn widest(&self) -> usize {
-        let layers = self.encoder.layers.iter().chain(&self.share.layers).map(super::Linear::outputs);
+        let layers = self.encoder.layers.iter().chain(&self.mixture_weight.layers).map(super::Linear::outputs);
         // Splines need fewer rows of scratch than they have logits.
         layers.chain([self.elevation.widest(), self.azimuth.widest(), MAX_CONDITION]).max().unwrap_or(0)
     }
@@ -106,15 +106,16 @@ impl Head {
     #[inline(always)]
     fn select<S: Simd>(&self, simd: S, scratch: &mut Scratch<'_>, prior: &Lanes) -> Lanes {
         let Scratch { seen, hidden: [first, _], logits, .. } = scratch;
-        let mut share = [0.5; LANES];
-        if let [inner, last] = &self.share.packed[..] {
+        let mut mixture_weight = [0.5; LANES];
+        if let [inner, last] = &self.mixture_weight.packed[..] {
             inner.forward(simd, Start::Bias, seen, first, Some(self.leaky_slope));
             last.forward(simd, Start::Bias, first, logits, None);
             for l in 0..LANES {
-                share[l] = SHARE_FLOOR + (1.0 - 2.0 * SHARE_FLOOR) * simd::sigmoid(logits[0][l] + prior[l]);
+                mixture_weight[l] =
+                    MIXTURE_WEIGHT_FLOOR + (1.0 - 2.0 * MIXTURE_WEIGHT_FLOOR) * simd::sigmoid(logits[0][l] + prior[l]);
             }
         }
-        share
+        mixture_weight
     }
 
     /// Evaluates both splines in one direction: images of `(u, v)`, and the densities over Y.
@@ -200,10 +201,10 @@ impl Head {
         for (lanes, &number) in lanes.iter_mut().zip(condition) {
             *lanes = [number; LANES];
         }
-        let (mut state, mut share) = (vec![[0.0; LANES]; self.columns()], [0.0; LANES]);
+        let (mut state, mut mixture_weight) = (vec![[0.0; LANES]; self.columns()], [0.0; LANES]);
         let mut scratch = vec![[0.0; LANES]; self.scratch_strips()];
-        prepare_one(self, &lanes, &mut scratch, &mut state, &mut share);
-        Ok(HeadAt { head: self, state, share: share[0] })
+        prepare_one(self, &lanes, &mut scratch, &mut state, &mut mixture_weight);
+        Ok(HeadAt { head: self, state, mixture_weight: mixture_weight[0] })
     }
 }
 
@@ -227,13 +228,13 @@ fn evaluate(
 pub struct HeadAt<'a> {
     head: &'a Head,
     state: Vec<Lanes>,
-    share: f32,
+    mixture_weight: f32,
 }
 
 impl HeadAt<'_> {
     /// The head's mixture weight against BRDF sampling.
-    pub fn share(&self) -> f32 {
-        self.share
+    pub fn mixture_weight(&self) -> f32 {
+        self.mixture_weight
     }
 
     /// Maps uniform points `z` to `(y, density over Y)`.
@@ -264,21 +265,21 @@ impl HeadAt<'_> {
 vectorized! {
     fn prepare_one['a](
         simd, head: &'a Head, condition: &'a [Lanes; MAX_CONDITION],
-        scratch: &'a mut [Lanes], state: &'a mut [Lanes], share: &'a mut Lanes,
+        scratch: &'a mut [Lanes], state: &'a mut [Lanes], mixture_weight: &'a mut Lanes,
     ) {
         let mut scratch = head.scratch(scratch);
         scratch.seen[..MAX_CONDITION].copy_from_slice(condition);
         head.prepare_strip(simd, &mut scratch, state);
-        *share = head.select(simd, &mut scratch, &[0.0; LANES]);
+        *mixture_weight = head.select(simd, &mut scratch, &[0.0; LANES]);
     }
 }
 
 vectorized! {
-    /// Prepares rows; with an empty `state`, replaces the prior logits in `shares` by mixture weights
+    /// Prepares rows; with an empty `state`, replaces the prior logits in `mixture_weights` by mixture weights
     /// instead.
     fn prepare_rows['a](
         simd, head: &'a Head, at: &'a Rows<'a>, material: [&'a [Lanes]; OF_MATERIAL],
-        state: &'a mut [Lanes], shares: &'a mut [Lanes], scratch: &'a mut [Lanes],
+        state: &'a mut [Lanes], mixture_weights: &'a mut [Lanes], scratch: &'a mut [Lanes],
     ) {
         let mut scratch = head.scratch(scratch);
         let columns = head.columns();
@@ -290,7 +291,7 @@ vectorized! {
             head.condition.load(&at.normals(strip), &at.views(strip), &own, scratch.seen);
             if state.is_empty() {
                 head.encode(simd, &mut scratch);
-                shares[strip] = head.select(simd, &mut scratch, &shares[strip]);
+                mixture_weights[strip] = head.select(simd, &mut scratch, &mixture_weights[strip]);
             } else {
                 head.prepare_strip(simd, &mut scratch, &mut state[strip * columns..][..columns]);
             }
@@ -343,17 +344,17 @@ impl IntermediateDensity for Head {
         warp_strips(self, Direction::Inverse, state, y, z.get_mut(), q, scratch.get_mut()[0]);
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         out.as_flattened_mut().fill(0.0);
-        self.shares_after(at, out, arena);
+        self.mixture_weight_after(at, out, arena);
     }
 }
 
 impl Head {
-    /// [`IntermediateDensity::share`] with prior logits in `out`, which are added to the learned ones;
+    /// [`IntermediateDensity::mixture_weight`] with prior logits in `out`, which are added to the learned ones;
     /// 1/2 if none are learned.
-    pub fn shares_after(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        if self.has_share() {
+    pub fn mixture_weight_after(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        if self.has_mixture_weight() {
             self.with_conditions(at, arena, |material, scratch| {
                 prepare_rows(self, at, material, &mut [], out, scratch);
             });

@@ -44,13 +44,13 @@ pub enum Mode {
     Autoregressive,
 }
 
-/// Least selection probability of either strategy in the mixture of head and BRDF sampling: sample
+/// Least mixture weight of either strategy in the mixture of head and BRDF sampling: sample
 /// weights are at most 50 times those of the better strategy alone.
-pub const SHARE_FLOOR: f32 = 0.02;
+pub const MIXTURE_WEIGHT_FLOOR: f32 = 0.02;
 
-/// The logit of a mixture weight, clamped to +-6.9: the inverse of `share = 0.02 + 0.96 sigmoid(logit)`.
-pub fn logit_of_share(share: f32) -> f32 {
-    let inside = ((share - SHARE_FLOOR) / (1.0 - 2.0 * SHARE_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
+/// The logit of a mixture weight, clamped to +-6.9: the inverse of `mixture_weight = 0.02 + 0.96 sigmoid(logit)`.
+pub fn logit_of_mixture_weight(mixture_weight: f32) -> f32 {
+    let inside = ((mixture_weight - MIXTURE_WEIGHT_FLOOR) / (1.0 - 2.0 * MIXTURE_WEIGHT_FLOOR)).clamp(1e-3, 1.0 - 1e-3);
     (inside / (1.0 - inside)).ln()
 }
 
@@ -65,7 +65,7 @@ pub struct Head {
     elevation: SplineNetwork,
     azimuth: SplineNetwork,
     /// Empty, or two layers whose output is the logit of the mixture weight against BRDF sampling.
-    share: Layers,
+    mixture_weight: Layers,
 }
 
 /// Layers in file order, and packed.
@@ -104,7 +104,7 @@ impl Head {
         let azimuth = SplineNetwork::new("layer1", Topology::Circle, seen, 1, azimuth)?;
         let packed = encoder.iter().map(Packed::new).collect();
         let encoder = Layers { layers: encoder, packed };
-        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, share: Layers::default() })
+        Ok(Self { condition, mode, leaky_slope, encoder, elevation, azimuth, mixture_weight: Layers::default() })
     }
 
     /// Adds the network of the learned mixture weight: two layers from the inputs of the spline
@@ -112,9 +112,9 @@ impl Head {
     ///
     /// # Errors
     /// The sizes of the layers do not match.
-    pub fn with_share(mut self, share: Vec<Linear>) -> Result<Self> {
+    pub fn with_mixture_weight(mut self, layers: Vec<Linear>) -> Result<Self> {
         let seen = self.condition.length() + self.encoder.layers.last().map_or(0, Linear::outputs);
-        let fits = match &share[..] {
+        let fits = match &layers[..] {
             [] => true,
             [first, second] => {
                 let hidden = first.outputs();
@@ -128,14 +128,14 @@ impl Head {
                 format!("is not two layers from {seen} numbers to one"),
             ));
         }
-        let packed = share.iter().map(Packed::new).collect();
-        self.share = Layers { layers: share, packed };
+        let packed = layers.iter().map(Packed::new).collect();
+        self.mixture_weight = Layers { layers, packed };
         Ok(self)
     }
 
     /// Whether the head has a learned mixture weight against BRDF sampling.
-    pub fn has_share(&self) -> bool {
-        !self.share.layers.is_empty()
+    pub fn has_mixture_weight(&self) -> bool {
+        !self.mixture_weight.layers.is_empty()
     }
 
     /// The layout of the condition.
@@ -160,7 +160,7 @@ impl Head {
             ("encoder", &self.encoder.layers[..]),
             ("layer0", self.elevation.layers()),
             ("layer1", self.azimuth.layers()),
-            ("selection", &self.share.layers[..]),
+            ("selection", &self.mixture_weight.layers[..]),
         ];
         let named = |(part, layers): (&'static str, _)| {
             <[Linear]>::iter(layers).enumerate().map(move |(index, layer)| (format!("{part}.linear{index}"), layer))

@@ -187,14 +187,14 @@ impl Splats {
         let (across, down) = (column - left, row - top);
         let (left, top) = ((left as isize).rem_euclid(self.width as isize) as usize, top as usize);
         let right = if left + 1 == self.width { 0 } else { left + 1 };
-        for (column, row, share) in [
+        for (column, row, fraction) in [
             (left, top, (1.0 - across) * (1.0 - down)),
             (right, top, across * (1.0 - down)),
             (left, top + 1, (1.0 - across) * down),
             (right, top + 1, across * down),
         ] {
             let sum = &mut self.sums[row * self.width + column];
-            let weight = share * solid_angle as f32;
+            let weight = fraction * solid_angle as f32;
             for (sum, value) in sum.iter_mut().zip(value) {
                 *sum += weight * value;
             }

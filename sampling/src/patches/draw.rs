@@ -45,9 +45,9 @@ pub(super) const LOBES: usize = 4;
 /// The column of the indices of weights.
 pub(super) const WEIGHTS: usize = LOBES;
 /// The column of the mixture weights beside BRDF sampling.
-pub(super) const SHARE: usize = WEIGHTS + 1;
+pub(super) const MIXTURE_WEIGHT: usize = WEIGHTS + 1;
 /// The first column of running sums.
-pub(super) const SUMS: usize = SHARE + 1;
+pub(super) const SUMS: usize = MIXTURE_WEIGHT + 1;
 
 /// Reflections of the shading points of a strip.
 pub(super) struct Reflections<'a> {
@@ -118,19 +118,20 @@ vectorized! {
                 }
                 *out = sum;
             }
-            let mut shares = [1.0; LANES];
+            let mut mixture_weights = [1.0; LANES];
             if is_glossy {
                 for k in 0..LANES {
-                    shares[k] = share_beside_brdf(&points.lane(k), sum[k] / W::UNIT, squared[k] / W::UNIT);
+                    let (sum, squared) = (sum[k] / W::UNIT, squared[k] / W::UNIT);
+                    mixture_weights[k] = mixture_weight_beside_brdf(&points.lane(k), sum, squared);
                 }
             }
-            lobes[SHARE] = shares;
+            lobes[MIXTURE_WEIGHT] = mixture_weights;
             if patches.small > 0 {
                 let mut at_leaves = [false; LANES];
                 for k in 0..LANES {
                     at_leaves[k] = !goes_on(patches, lobes, k);
                 }
-                let [factor, added] = small_lights::scales(&sums[patches.small - 1], &sum, &shares, at_leaves);
+                let [factor, added] = small_lights::scales(&sums[patches.small - 1], &sum, &mixture_weights, at_leaves);
                 for (cluster, out) in sums[..patches.clusters.len()].iter_mut().enumerate() {
                     for k in 0..LANES {
                         out[k] = if cluster < patches.small { out[k] * factor[k] } else { out[k] + added[k] };
@@ -206,7 +207,7 @@ fn step<S: Simd, A: Aim>(
     let (found, cuts) = patches.forest.descend::<1, PARTS>(&roots, aim, (sums.as_flattened(), totals), path.cuts);
     path.cuts = cuts;
     for k in 0..LANES {
-        path.probability[k] *= share(found.mass[k], totals[k]);
+        path.probability[k] *= fraction(found.mass[k], totals[k]);
         path.number[k] = if goes_on[k] { path.number[k] * PARTS as u32 + found.place[k] } else { path.number[k] };
     }
 }
@@ -230,7 +231,7 @@ fn by_width(alpha: f32) -> f32 {
 /// each view and absolute: absolute variance is what images are judged by, and views that see a lamp dominate
 /// it.
 #[inline(always)]
-fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
+fn mixture_weight_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
     let grazing = 1.0 - at.cos_o;
     let fourth = (grazing * grazing) * (grazing * grazing);
     let albedo = at.diffuse + at.specular * (at.f0 + (1.0 - at.f0) * (fourth * grazing));
@@ -250,38 +251,38 @@ fn share_beside_brdf(at: &Reflection, sum: f32, squared: f32) -> f32 {
     let by_width = by_width(at.alpha);
     let of_lobe = if of_lobe < by_width { of_lobe } else { by_width };
     let of_lobe = if of_lobe > least { of_lobe } else { least };
-    share_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
+    mixture_weight_beside_lobe(of_lobe, at.diffuse, at.specular, at.f0)
 }
 
 /// Returns the mixture weight beside BRDF sampling of a surface, from that of BRDF sampling for its glossy
 /// lobe alone.
 #[inline(always)]
-fn share_beside_lobe(of_lobe: f32, diffuse: f32, specular: f32, f0: f32) -> f32 {
+fn mixture_weight_beside_lobe(of_lobe: f32, diffuse: f32, specular: f32, f0: f32) -> f32 {
     // A diffuse lobe needs no BRDF sampling; a dielectric reflects about 30 % at grazing angles.
     let reflected = specular * if f0 > LEAST_REFLECTED { f0 } else { LEAST_REFLECTED };
-    let share = 1.0 - of_lobe * reflected / (reflected + diffuse);
-    if specular > 0.0 { share } else { 1.0 }
+    let mixture_weight = 1.0 - of_lobe * reflected / (reflected + diffuse);
+    if specular > 0.0 { mixture_weight } else { 1.0 }
 }
 
 vectorized! {
     /// Computes the mixture weights beside BRDF sampling that heads start from, by the width of lobes alone.
-    pub(super) fn shares_by_width['a](_simd, lobes: [&'a [Lanes]; LOBES], out: &'a mut [Lanes]) {
+    pub(super) fn mixture_weights_by_width['a](_simd, lobes: [&'a [Lanes]; LOBES], out: &'a mut [Lanes]) {
         for strip in 0..out.len() {
             let [diffuse, specular, f0, alpha] = [lobes[0][strip], lobes[1][strip], lobes[2][strip], lobes[3][strip]];
-            let mut shares = [0.0; LANES];
+            let mut mixture_weights = [0.0; LANES];
             for k in 0..LANES {
-                shares[k] = share_beside_lobe(by_width(alpha[k]), diffuse[k], specular[k], f0[k]);
+                mixture_weights[k] = mixture_weight_beside_lobe(by_width(alpha[k]), diffuse[k], specular[k], f0[k]);
             }
-            out[strip] = shares;
+            out[strip] = mixture_weights;
         }
     }
 }
 
 /// Returns a mass as a fraction of the total; 0 where there is nothing to draw.
 #[inline(always)]
-fn share(mass: f32, all: f32) -> f32 {
-    let share = mass / all;
-    if (mass > 0.0) & (all > 0.0) { share } else { 0.0 }
+fn fraction(mass: f32, all: f32) -> f32 {
+    let fraction = mass / all;
+    if (mass > 0.0) & (all > 0.0) { fraction } else { 0.0 }
 }
 
 /// Descends the levels to the patches that `aims` select, with the state of one strip.
@@ -304,7 +305,7 @@ fn walk<S: Simd, A: Aim, W: Weighting>(
     let mut points = [reflections.lane(0); LANES];
     let (mut narrow, mut any) = ([false; LANES], false);
     for k in 0..LANES {
-        path.probability[k] = share(found.mass[k], total[k]);
+        path.probability[k] = fraction(found.mass[k], total[k]);
         points[k] = reflections.lane(k);
         narrow[k] = goes_on(patches, lobes, k);
         any |= narrow[k];
@@ -409,12 +410,12 @@ vectorized! {
                 let twig = patches.lookup.patch(columns[k], rows[k]) as usize;
                 let (leaf, cluster) = (twig / PARTS, twig / (PARTS * PARTS));
                 let own = sums[cluster][k] - if cluster == 0 { 0.0 } else { sums[cluster - 1][k] };
-                let mut probability = share(own, sums[CLUSTERS - 1][k]);
+                let mut probability = fraction(own, sums[CLUSTERS - 1][k]);
                 let weights = weighting.of_parts(lobes[WEIGHTS][k], patches.numbers[cluster]);
-                probability *= share_of(&part_sums(simd, &patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
+                probability *= fraction_of(&part_sums(simd, &patches.leaves.blocks[cluster], &point, &weights), leaf % PARTS);
                 let mut inverse_energy = patches.leaves.rectangles[leaf][4];
                 if goes_on(patches, lobes, k) {
-                    probability *= share_of(&part_sums(simd, &patches.twigs.blocks[leaf], &point, &[1.0; LANES]), twig % PARTS);
+                    probability *= fraction_of(&part_sums(simd, &patches.twigs.blocks[leaf], &point, &[1.0; LANES]), twig % PARTS);
                     inverse_energy = patches.twigs.rectangles[twig][4];
                 }
                 q[strip][k] = probability * inverse_energy;
@@ -425,6 +426,6 @@ vectorized! {
 
 /// Returns a part's fraction of the total, from running sums.
 #[inline(always)]
-fn share_of(sums: &Lanes, place: usize) -> f32 {
-    share(sums[place] - if place == 0 { 0.0 } else { sums[place - 1] }, sums[PARTS - 1])
+fn fraction_of(sums: &Lanes, place: usize) -> f32 {
+    fraction(sums[place] - if place == 0 { 0.0 } else { sums[place - 1] }, sums[PARTS - 1])
 }

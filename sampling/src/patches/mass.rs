@@ -252,9 +252,9 @@ fn lobe<S: Simd, const LEAF: bool>(simd: S, at: &Reflection, middle: &Middle, ha
     let x = 1.0 - squared_half;
     let fourth = (x * x) * (x * x);
     let fresnel = fused(simd, 1.0 - at.f0, fourth * fourth * fourth, at.f0);
-    let share = if LEAF { middle.visible.sqrt() } else { middle.visible };
+    let fraction = if LEAF { middle.visible.sqrt() } else { middle.visible };
     let lobe = FRAC_1_PI * product * product.sqrt() * cos_i / (scaled * scaled * shadowing);
-    share * fresnel * lobe
+    fraction * fresnel * lobe
 }
 
 /// Computes the masses of patches for shading points: one of either, or one per lane. For surfaces without a
@@ -373,8 +373,8 @@ impl Cosines {
     fn visible(&self) -> (f32, f32) {
         let top = larger(smaller(self.mean + self.half_width, self.bound), LEAST_TOP * self.bound);
         let bottom = larger(self.mean - self.half_width, 0.0);
-        let share = smaller((top - bottom) / (2.0 * self.half_width), 1.0);
-        (larger(share, LEAST_VISIBLE), 0.5 * (top + bottom))
+        let fraction = smaller((top - bottom) / (2.0 * self.half_width), 1.0);
+        (larger(fraction, LEAST_VISIBLE), 0.5 * (top + bottom))
     }
 }
 

@@ -43,7 +43,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use crate::parallel::*;
 use choice::Choice;
-use draw::{COLUMNS, LOBES, SHARE};
+use draw::{COLUMNS, LOBES, MIXTURE_WEIGHT};
 use glam::{Vec2, Vec3A};
 use lookup::Lookup;
 use mass::{Block, Patch};
@@ -54,7 +54,7 @@ use tree::Forest;
 use crate::{
     columns::Arena,
     error::{Error, Result},
-    head::{Head, logit_of_share},
+    head::{Head, logit_of_mixture_weight},
     latlong,
     sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler, prepared},
     simd::{LANES, Lanes},
@@ -342,29 +342,29 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
         multiply(out, q);
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
         let Some(head) = self.head else {
-            return prepared(self, at, arena, |state| self.share_of_state(at, state, out, arena));
+            return prepared(self, at, arena, |state| self.mixture_weight_of_state(at, state, out, arena));
         };
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
-        draw::shares_by_width(lobes.get(), out);
-        if head.has_share() {
-            for share in out.as_flattened_mut() {
-                *share = logit_of_share(*share);
+        draw::mixture_weights_by_width(lobes.get(), out);
+        if head.has_mixture_weight() {
+            for mixture_weight in out.as_flattened_mut() {
+                *mixture_weight = logit_of_mixture_weight(*mixture_weight);
             }
-            head.shares_after(at, out, arena);
+            head.mixture_weight_after(at, out, arena);
         }
     }
 
     /// With a head, the mixture weight comes from the head instead.
-    fn has_share_in_state(&self) -> bool {
+    fn has_mixture_weight_in_state(&self) -> bool {
         self.head.is_none()
     }
 
-    fn share_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
+    fn mixture_weight_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
         for (state, out) in state.chunks_exact(COLUMNS).zip(out) {
-            *out = state[SHARE];
+            *out = state[MIXTURE_WEIGHT];
         }
     }
 
@@ -397,16 +397,16 @@ impl Sampler for PatchSampler {
         self.weighted(&Unoccluded).pdf(at, state, wi, out, arena);
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).share(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).mixture_weight(at, out, arena);
     }
 
-    fn has_share_in_state(&self) -> bool {
-        self.weighted(&Unoccluded).has_share_in_state()
+    fn has_mixture_weight_in_state(&self) -> bool {
+        self.weighted(&Unoccluded).has_mixture_weight_in_state()
     }
 
-    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).share_of_state(at, state, out, arena);
+    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.weighted(&Unoccluded).mixture_weight_of_state(at, state, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

@@ -50,7 +50,7 @@ fn core(map: &MomentMap<'_>, cluster: Node) -> Node {
 /// else `rest`: a multiple of 1/4 of all samples, of which patches get the fraction `of_patches` beside BRDF
 /// sampling. None where small lights are drawn in proportion to their light.
 #[inline(always)]
-fn share(own: f32, rest: f32, of_patches: f32) -> Option<f32> {
+fn sample_fraction(own: f32, rest: f32, of_patches: f32) -> Option<f32> {
     let odds = ODDS * (own / rest).sqrt();
     let quarters = (4.0 * of_patches * odds / (1.0 + odds) + 0.5).floor();
     let quarters = if quarters > 1.0 { quarters } else { 1.0 };
@@ -68,9 +68,9 @@ pub fn scales(own: &Lanes, all: &Lanes, of_patches: &Lanes, at_leaves: [bool; LA
     for k in 0..LANES {
         let rest = all[k] - own[k];
         if at_leaves[k]
-            && let Some(share) = share(own[k], rest, of_patches[k])
+            && let Some(fraction) = sample_fraction(own[k], rest, of_patches[k])
         {
-            let wanted = share / (1.0 - share) * rest;
+            let wanted = fraction / (1.0 - fraction) * rest;
             (scales[0][k], scales[1][k]) = (wanted / own[k], wanted - own[k]);
         }
     }
@@ -92,26 +92,26 @@ mod tests {
             (0.9, Some(0.75)),
             (0.9999, Some(0.75)),
         ] {
-            assert_eq!(share(own, 1.0 - own, 1.0), expected, "{own}");
+            assert_eq!(sample_fraction(own, 1.0 - own, 1.0), expected, "{own}");
         }
         // With BRDF sampling, the multiple is of all samples, and the rest keeps 1/8 of the samples of
         // patches.
         for k in 1..=100 {
             let of_patches = k as f32 / 100.0;
             for own in [0.06, 0.5, 0.9, 0.9999] {
-                let Some(share) = share(own, 1.0 - own, of_patches) else {
+                let Some(fraction) = sample_fraction(own, 1.0 - own, of_patches) else {
                     assert!(of_patches < 0.25 / MOST);
                     continue;
                 };
-                let quarters = 4.0 * share * of_patches;
+                let quarters = 4.0 * fraction * of_patches;
                 assert!(
-                    (quarters - quarters.round()).abs() < 1e-6 && quarters > 0.5 && share <= MOST,
-                    "{share} {of_patches}"
+                    (quarters - quarters.round()).abs() < 1e-6 && quarters > 0.5 && fraction <= MOST,
+                    "{fraction} {of_patches}"
                 );
             }
         }
         for (own, rest) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (f32::NAN, 1.0), (1.0, -1e-9)] {
-            assert_eq!(share(own, rest, 1.0), None);
+            assert_eq!(sample_fraction(own, rest, 1.0), None);
         }
     }
 
@@ -119,8 +119,8 @@ mod tests {
     fn scaled_masses_give_multiples_of_a_quarter() {
         for (own, all) in [(0.3, 0.5), (2e-6, 1e-5), (7.0, 7.1)] {
             let [factor, added] = scales(&[own; LANES], &[all; LANES], &[1.0; LANES], [true; LANES]);
-            let share = own * factor[3] / (all + added[3]);
-            assert!((4.0 * share - (4.0 * share).round()).abs() < 1e-5, "{share}");
+            let fraction = own * factor[3] / (all + added[3]);
+            assert!((4.0 * fraction - (4.0 * fraction).round()).abs() < 1e-5, "{fraction}");
             assert!((own * factor[3] - own - added[3]).abs() < 1e-6 * all);
         }
         for (own, at_leaves) in [(0.0, true), (0.5, false)] {

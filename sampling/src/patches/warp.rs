@@ -7,7 +7,7 @@ use super::{
     draw::{self, COLUMNS, LOBES},
 };
 use crate::{
-    head::logit_of_share,
+    head::logit_of_mixture_weight,
     latlong,
     one_point::OnePoint,
     simd::{LANES, Lanes},
@@ -35,12 +35,13 @@ impl Patches {
 
     /// Returns the logit of the mixture weight, beside BRDF sampling, of patches below a head at a point; the
     /// head's is added to it.
-    pub fn share_logit(point: &OnePoint) -> f32 {
+    pub fn mixture_weight_logit(point: &OnePoint) -> f32 {
         let rows = point.tile().rows();
-        let (mut shares, mut lobes) = (vec![[0.0; LANES]; rows.strips()], point.arena.columns::<LOBES>(rows.strips()));
+        let (mut mixture_weights, mut lobes) =
+            (vec![[0.0; LANES]; rows.strips()], point.arena.columns::<LOBES>(rows.strips()));
         rows.lobes(lobes.get_mut(), &point.arena);
-        draw::shares_by_width(lobes.get(), &mut shares);
-        logit_of_share(shares[0][0])
+        draw::mixture_weights_by_width(lobes.get(), &mut mixture_weights);
+        logit_of_mixture_weight(mixture_weights[0][0])
     }
 }
 
@@ -190,7 +191,7 @@ mod tests {
         // Below the surface nothing is drawn.
         assert_eq!(warp.inverse(&[-Vec3A::Y]), [None]);
         // BRDF sampling has mixture weight 0.5 at a width of 0.05.
-        let share = 1.0 - 0.5 * 0.25_f32.powf(1.25);
-        assert!((Patches::share_logit(&point) - logit_of_share(share)).abs() < 1e-4);
+        let mixture_weight = 1.0 - 0.5 * 0.25_f32.powf(1.25);
+        assert!((Patches::mixture_weight_logit(&point) - logit_of_mixture_weight(mixture_weight)).abs() < 1e-4);
     }
 }

@@ -19,7 +19,7 @@ use crate::{
 /// Gaussian the mean (x, y) and the logits of the widths.
 pub const LOBES_SIZES: [usize; 3] = [VIEW_CONDITION, 32, 11];
 /// Smallest mixture weight of the cosine lobe; bounds the weights by those of cosine sampling.
-pub const LEAST_COSINE_SHARE: f32 = 0.02;
+pub const LEAST_COSINE_WEIGHT: f32 = 0.02;
 /// Smallest standard deviation of a Gaussian on the disk.
 pub const LEAST_WIDTH: f32 = 0.01;
 /// Range of standard deviations above [`LEAST_WIDTH`].
@@ -38,7 +38,7 @@ pub struct Lobes {
 /// A strip of mixtures.
 struct Mixture {
     /// Mixture weights of the cosine lobe, then of the Gaussians; they sum to 1.
-    shares: [Lanes; 1 + GAUSSIANS],
+    lobe_weights: [Lanes; 1 + GAUSSIANS],
     middles: [[Lanes; 2]; GAUSSIANS],
     widths: [[Lanes; 2]; GAUSSIANS],
 }
@@ -58,17 +58,20 @@ impl Lobes {
         let mut raw = [[0.0; LANES]; 32];
         self.network.forward(simd, &seen.condition(), &mut raw);
         let zero = [0.0; LANES];
-        let mut mixture =
-            Mixture { shares: [zero; 1 + GAUSSIANS], middles: [[zero; 2]; GAUSSIANS], widths: [[zero; 2]; GAUSSIANS] };
+        let mut mixture = Mixture {
+            lobe_weights: [zero; 1 + GAUSSIANS],
+            middles: [[zero; 2]; GAUSSIANS],
+            widths: [[zero; 2]; GAUSSIANS],
+        };
         for lane in 0..LANES {
             let logits = [raw[0][lane], raw[1][lane], raw[2][lane]];
             let most = if logits[0] > logits[1] { logits[0] } else { logits[1] };
             let most = if most > logits[2] { most } else { logits[2] };
             let e = [simd::exp(logits[0] - most), simd::exp(logits[1] - most), simd::exp(logits[2] - most)];
-            let scale = (1.0 - LEAST_COSINE_SHARE) / (e[0] + e[1] + e[2]);
-            mixture.shares[0][lane] = LEAST_COSINE_SHARE + scale * e[0];
-            mixture.shares[1][lane] = scale * e[1];
-            mixture.shares[2][lane] = scale * e[2];
+            let scale = (1.0 - LEAST_COSINE_WEIGHT) / (e[0] + e[1] + e[2]);
+            mixture.lobe_weights[0][lane] = LEAST_COSINE_WEIGHT + scale * e[0];
+            mixture.lobe_weights[1][lane] = scale * e[1];
+            mixture.lobe_weights[2][lane] = scale * e[2];
         }
         for k in 0..GAUSSIANS {
             mixture.middles[k] = [raw[3 + 4 * k], raw[4 + 4 * k]];
@@ -87,11 +90,11 @@ impl Mixture {
     /// Returns the density over solid angle of one lane.
     #[inline(always)]
     fn density(&self, lane: usize, wi: [f32; 3]) -> f32 {
-        let mut over_disk = self.shares[0][lane] * FRAC_1_PI;
+        let mut over_disk = self.lobe_weights[0][lane] * FRAC_1_PI;
         for k in 0..GAUSSIANS {
             let (a, b) = (self.widths[k][0][lane], self.widths[k][1][lane]);
             let (x, y) = ((wi[0] - self.middles[k][0][lane]) / a, (wi[1] - self.middles[k][1][lane]) / b);
-            over_disk += self.shares[k + 1][lane] * simd::exp(-0.5 * (x * x + y * y)) / (TAU * a * b);
+            over_disk += self.lobe_weights[k + 1][lane] * simd::exp(-0.5 * (x * x + y * y)) / (TAU * a * b);
         }
         over_disk * wi[2]
     }
@@ -103,8 +106,8 @@ impl Local for Lobes {
         let mixture = self.mixture(simd, seen);
         let (mut wi, mut pdf) = ([[0.0; LANES]; 3], [0.0; LANES]);
         for lane in 0..LANES {
-            let first = mixture.shares[0][lane];
-            let second = first + mixture.shares[1][lane];
+            let first = mixture.lobe_weights[0][lane];
+            let second = first + mixture.lobe_weights[1][lane];
             let (is_cosine, is_first) = (u[0][lane] < first, u[0][lane] < second);
             let from = if is_cosine {
                 0.0

@@ -29,8 +29,8 @@ mod trace;
 pub use encoding::{COORDINATE, DISK_CONDITION, OCTAVES_OF_COORDINATE, OCTAVES_OF_VIEW, VIEW_CONDITION};
 pub use file::{FORMAT_VERSION, RivalFile};
 pub use flow::{BINS, FLOW_SIZES, Flow, LOG_WIDTH, PRIOR_SIZES, SPLINE_OUTPUTS};
-pub use lobes::{LEAKY_SLOPE, LEAST_COSINE_SHARE, LEAST_WIDTH, LOBES_SIZES, Lobes, WIDTH_RANGE};
-pub use reparam::{COSINE_SHARE, LARGEST_LOG_SCALE, LARGEST_SHIFT, REPARAM_SIZES, Reparameterised};
+pub use lobes::{LEAKY_SLOPE, LEAST_COSINE_WEIGHT, LEAST_WIDTH, LOBES_SIZES, Lobes, WIDTH_RANGE};
+pub use reparam::{COSINE_WEIGHT, LARGEST_LOG_SCALE, LARGEST_SHIFT, REPARAM_SIZES, Reparameterised};
 pub use sampler::RivalSampler;
 pub use trace::Traced;
 

@@ -35,7 +35,7 @@ use crate::{
 /// Sizes of the network: its outputs are the shift (x, y) and the logarithmic scale.
 pub const REPARAM_SIZES: [usize; 5] = [DISK_CONDITION, 16, 16, 16, 3];
 /// Mixture weight of the cosine lobe.
-pub const COSINE_SHARE: f32 = 0.05;
+pub const COSINE_WEIGHT: f32 = 0.05;
 /// Largest shift along an axis, as a slope.
 pub const LARGEST_SHIFT: f32 = 8.0;
 /// Largest absolute value of the logarithm of the scale.
@@ -244,9 +244,9 @@ impl Local for Reparameterised {
         let start = self.start(simd, seen);
         let (mut drawn, mut is_cosine) = ([[0.0; LANES]; 2], [0.0; LANES]);
         for lane in 0..LANES {
-            let own = u[0][lane] < COSINE_SHARE;
-            let rest = (u[0][lane] - COSINE_SHARE) / (1.0 - COSINE_SHARE);
-            let first = if own { u[0][lane] / COSINE_SHARE } else { rest };
+            let own = u[0][lane] < COSINE_WEIGHT;
+            let rest = (u[0][lane] - COSINE_WEIGHT) / (1.0 - COSINE_WEIGHT);
+            let first = if own { u[0][lane] / COSINE_WEIGHT } else { rest };
             let first = if first < BELOW_ONE { first } else { BELOW_ONE };
             let (cos, sin) = simd::cos_sin_turns(u[1][lane]);
             let slope = (first / (1.0 - first)).sqrt();
@@ -289,5 +289,5 @@ impl Local for Reparameterised {
 /// Returns the density of the mixture with the cosine lobe.
 #[inline(always)]
 pub(super) fn mixture(density: f32, z: f32) -> f32 {
-    (1.0 - COSINE_SHARE) * density + COSINE_SHARE * FRAC_1_PI * z
+    (1.0 - COSINE_WEIGHT) * density + COSINE_WEIGHT * FRAC_1_PI * z
 }

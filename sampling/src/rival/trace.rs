@@ -2,7 +2,7 @@
 //! densities change with these points.
 
 use super::{
-    COSINE_SHARE, Reparameterised,
+    COSINE_WEIGHT, Reparameterised,
     encoding::Seen,
     reparam::{Start, mixture, size},
 };
@@ -21,7 +21,7 @@ pub struct Traced {
     /// density per unit of `F(p)`.
     pub pull: [f32; 2],
     /// The fraction of the density that does not come from the cosine lobe; 0 where no point was found.
-    pub share: f32,
+    pub fraction: f32,
 }
 
 /// Number of inputs of a question: features, `wo`, `wi`.
@@ -43,8 +43,8 @@ impl Reparameterised {
         let mut output = vec![[[0.0; LANES]; 5]; count];
         trace(self, &input, &mut output);
         let traced = |k: usize| {
-            let [px, py, x, y, share] = output[k / LANES].map(|row| row[k % LANES]);
-            Traced { p: [px, py], pull: [x, y], share }
+            let [px, py, x, y, fraction] = output[k / LANES].map(|row| row[k % LANES]);
+            Traced { p: [px, py], pull: [x, y], fraction }
         };
         (0..questions.len()).map(traced).collect()
     }
@@ -104,7 +104,7 @@ vectorized! {
                 let (x, y) = (slopes[0][lane], slopes[1][lane]);
                 output[2][lane] = by * (there.by[1][1][lane] * x - there.by[0][1][lane] * y);
                 output[3][lane] = by * (there.by[0][0][lane] * y - there.by[1][0][lane] * x);
-                let own = (1.0 - COSINE_SHARE) * density[lane];
+                let own = (1.0 - COSINE_WEIGHT) * density[lane];
                 output[4][lane] = own / mixture(density[lane], wi[2][lane]);
             }
         }

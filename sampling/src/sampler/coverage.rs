@@ -64,16 +64,16 @@ impl<S: Sampler> Sampler for Covering<S> {
         self.0.pdf(at, state, wi, out, arena);
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.0.share(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        self.0.mixture_weight(at, out, arena);
     }
 
-    fn has_share_in_state(&self) -> bool {
-        self.0.has_share_in_state()
+    fn has_mixture_weight_in_state(&self) -> bool {
+        self.0.has_mixture_weight_in_state()
     }
 
-    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.0.share_of_state(at, state, out, arena);
+    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.0.mixture_weight_of_state(at, state, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

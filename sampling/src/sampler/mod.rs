@@ -70,19 +70,19 @@ pub trait Sampler: Send + Sync {
 
     /// Computes the mixture weight of this sampler in a mixture with BRDF sampling, in (0, 1): 0.5, unless
     /// the sampler has learned one.
-    fn share(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
+    fn mixture_weight(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
         out.as_flattened_mut().fill(0.5);
     }
 
     /// Whether the mixture weight follows from the state: a mixture then prepares all rows before it splits
-    /// them, and calls [`Self::share_of_state`].
-    fn has_share_in_state(&self) -> bool {
+    /// them, and calls [`Self::mixture_weight_of_state`].
+    fn has_mixture_weight_in_state(&self) -> bool {
         false
     }
 
-    /// Computes [`Self::share`] from the prepared state, if [`Self::has_share_in_state`].
-    fn share_of_state(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.share(at, out, arena);
+    /// Computes [`Self::mixture_weight`] from the prepared state, if [`Self::has_mixture_weight_in_state`].
+    fn mixture_weight_of_state(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.mixture_weight(at, out, arena);
     }
 
     /// Returns the part of the integrand that the sampler covers.
@@ -106,16 +106,16 @@ impl<S: Sampler + ?Sized> Sampler for Arc<S> {
         (**self).pdf(at, state, wi, out, arena);
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        (**self).share(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        (**self).mixture_weight(at, out, arena);
     }
 
-    fn has_share_in_state(&self) -> bool {
-        (**self).has_share_in_state()
+    fn has_mixture_weight_in_state(&self) -> bool {
+        (**self).has_mixture_weight_in_state()
     }
 
-    fn share_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        (**self).share_of_state(at, state, out, arena);
+    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        (**self).mixture_weight_of_state(at, state, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

@@ -9,7 +9,7 @@ use crate::{
     timings::{Stage, timed},
 };
 
-/// Draws from `first` with its mixture weight ([`Sampler::share`], 0.5 unless it was learned), else from
+/// Draws from `first` with its mixture weight ([`Sampler::mixture_weight`], 0.5 unless it was learned), else from
 /// `second`. Its pdf is that of the mixture, so that it is a sampler like any other. One shadow ray per
 /// sample.
 ///
@@ -32,43 +32,43 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
 
 impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
     fn columns(&self) -> usize {
-        if self.first.has_share_in_state() { self.first.columns() } else { 0 }
+        if self.first.has_mixture_weight_in_state() { self.first.columns() } else { 0 }
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        if self.first.has_share_in_state() {
+        if self.first.has_mixture_weight_in_state() {
             self.first.prepare(at, state, arena);
         }
     }
 
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
-        let mut shares = arena.columns::<1>(at.strips());
-        self.shares(at, state, shares.get_mut()[0], arena);
-        let shares = shares.get()[0].as_flattened();
+        let mut mixture_weights = arena.columns::<1>(at.strips());
+        self.mixture_weights(at, state, mixture_weights.get_mut()[0], arena);
+        let mixture_weights = mixture_weights.get()[0].as_flattened();
         let (mut of_first, mut of_second) = (arena.list(), arena.list());
-        for (place, (&u, &share)) in u[0].as_flattened()[..at.len()].iter().zip(shares).enumerate() {
-            if u < share { &mut of_first } else { &mut of_second }.push(place as u16);
+        for (place, (&u, &weight)) in u[0].as_flattened()[..at.len()].iter().zip(mixture_weights).enumerate() {
+            if u < weight { &mut of_first } else { &mut of_second }.push(place as u16);
         }
         let (first, second) = (self.first_with(state), Source { sampler: &self.second, state: None });
-        if self.first.has_share_in_state() && MANY * of_second.len() < at.len() {
-            self.sample_first_in_place(at, state, shares, u, &mut out, arena);
+        if self.first.has_mixture_weight_in_state() && MANY * of_second.len() < at.len() {
+            self.sample_first_in_place(at, state, mixture_weights, u, &mut out, arena);
         } else {
-            let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |share| share };
-            part.sample(at, shares, u, &mut out, arena);
+            let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |weight| weight };
+            part.sample(at, mixture_weights, u, &mut out, arena);
         }
-        let part = Part { own: second, other: first, places: &of_second, from: |share| share, to: |_| 1.0 };
-        part.sample(at, shares, u, &mut out, arena);
+        let part = Part { own: second, other: first, places: &of_second, from: |weight| weight, to: |_| 1.0 };
+        part.sample(at, mixture_weights, u, &mut out, arena);
     }
 
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let mut columns = arena.columns::<2>(at.strips());
-        let [shares, of_second] = columns.get_mut();
-        self.shares(at, state, shares, arena);
+        let [mixture_weights, of_second] = columns.get_mut();
+        self.mixture_weights(at, state, mixture_weights, arena);
         self.first_with(state).with_state(at, None, arena, |state| self.first.pdf(at, state, wi, out, arena));
         prepared(&self.second, at, arena, |state| self.second.pdf(at, state, wi, of_second, arena));
-        let both = shares.as_flattened().iter().zip(of_second.as_flattened());
-        for (out, (share, second)) in out.as_flattened_mut().iter_mut().zip(both) {
-            *out = share * *out + (1.0 - share) * second;
+        let both = mixture_weights.as_flattened().iter().zip(of_second.as_flattened());
+        for (out, (weight, second)) in out.as_flattened_mut().iter_mut().zip(both) {
+            *out = weight * *out + (1.0 - weight) * second;
         }
     }
 
@@ -78,11 +78,11 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
 }
 
 impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
-    fn shares(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        if self.first.has_share_in_state() {
-            self.first.share_of_state(at, state, out, arena);
+    fn mixture_weights(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        if self.first.has_mixture_weight_in_state() {
+            self.first.mixture_weight_of_state(at, state, out, arena);
         } else {
-            self.first.share(at, out, arena);
+            self.first.mixture_weight(at, out, arena);
         }
     }
 
@@ -91,19 +91,21 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
         &self,
         at: &Rows<'_>,
         state: &[Lanes],
-        shares: &[f32],
+        mixture_weights: &[f32],
         u: [&[Lanes]; 2],
         out: &mut Draws<'_>,
         arena: &Arena,
     ) {
         let mut columns = arena.columns::<2>(at.strips());
         let [numbers, of_second] = columns.get_mut();
-        for ((number, &u), &share) in numbers.as_flattened_mut().iter_mut().zip(u[0].as_flattened()).zip(shares) {
-            *number = remap(if u < share { u } else { 0.0 }, 0.0, share);
+        for ((number, &u), &weight) in
+            numbers.as_flattened_mut().iter_mut().zip(u[0].as_flattened()).zip(mixture_weights)
+        {
+            *number = remap(if u < weight { u } else { 0.0 }, 0.0, weight);
         }
         let [x, y, z] = &mut out.wi;
         self.first.sample(at, state, [numbers, u[1]], Draws { wi: [&mut *x, y, z], pdf: out.pdf }, arena);
-        let is_alone = shares[..at.len()].iter().all(|&share| share == 1.0);
+        let is_alone = mixture_weights[..at.len()].iter().all(|&weight| weight == 1.0);
         if is_alone {
             of_second.as_flattened_mut().fill(0.0);
         } else {
@@ -111,24 +113,24 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
                 prepared(&self.second, at, arena, |state| self.second.pdf(at, state, [x, y, z], of_second, arena));
             });
         }
-        let both = shares.iter().zip(of_second.as_flattened());
-        for (pdf, (share, second)) in out.pdf.as_flattened_mut().iter_mut().zip(both) {
-            *pdf = of_mixture(*pdf, *second, *share);
+        let both = mixture_weights.iter().zip(of_second.as_flattened());
+        for (pdf, (weight, second)) in out.pdf.as_flattened_mut().iter_mut().zip(both) {
+            *pdf = of_mixture(*pdf, *second, *weight);
         }
     }
 
     fn first_with<'a>(&'a self, state: &'a [Lanes]) -> Source<'a> {
-        Source { sampler: &self.first, state: self.first.has_share_in_state().then_some(state) }
+        Source { sampler: &self.first, state: self.first.has_mixture_weight_in_state().then_some(state) }
     }
 }
 
 /// `first` draws in place where all rows are more than this many times the rows of `second`.
 const MANY: usize = 4;
 
-/// Returns the pdf of a mixture at a draw of one of its samplers, whose mixture weight is `share`; 0 where
+/// Returns the pdf of a mixture at a draw of one of its samplers, whose mixture weight is `weight`; 0 where
 /// that sampler rejects the draw.
-fn of_mixture(own: f32, other: f32, share: f32) -> f32 {
-    if own > 0.0 { share * own + (1.0 - share) * other } else { 0.0 }
+fn of_mixture(own: f32, other: f32, weight: f32) -> f32 {
+    if own > 0.0 { weight * own + (1.0 - weight) * other } else { 0.0 }
 }
 
 /// A sampler, and its state if all rows are prepared.
@@ -178,7 +180,7 @@ struct Part<'a> {
 }
 
 impl Part<'_> {
-    fn sample(&self, at: &Rows<'_>, shares: &[f32], u: [&[Lanes]; 2], out: &mut Draws<'_>, arena: &Arena) {
+    fn sample(&self, at: &Rows<'_>, mixture_weights: &[f32], u: [&[Lanes]; 2], out: &mut Draws<'_>, arena: &Arena) {
         if self.places.is_empty() {
             return;
         }
@@ -188,8 +190,8 @@ impl Part<'_> {
         let [u_0, u_1] = numbers.get_mut();
         gather(u[1], self.places, u_1);
         for (number, &place) in u_0.as_flattened_mut().iter_mut().zip(self.places) {
-            let share = shares[place as usize];
-            *number = remap(u[0].as_flattened()[place as usize], (self.from)(share), (self.to)(share));
+            let weight = mixture_weights[place as usize];
+            *number = remap(u[0].as_flattened()[place as usize], (self.from)(weight), (self.to)(weight));
         }
         let mut drawn = arena.columns::<5>(at.strips());
         let [x, y, z, pdf, other] = drawn.get_mut();
@@ -199,11 +201,11 @@ impl Part<'_> {
             self.own.sampler.sample(&at, state, numbers.get(), Draws { wi: [x, y, z], pdf }, arena);
         });
         // The pdf of a sampler with mixture weight 0 does not contribute.
-        if self
-            .places
-            .iter()
-            .all(|&place| (self.to)(shares[place as usize]) - (self.from)(shares[place as usize]) == 1.0)
-        {
+        let is_certain = |&place: &u16| {
+            let weight = mixture_weights[place as usize];
+            (self.to)(weight) - (self.from)(weight) == 1.0
+        };
+        if self.places.iter().all(is_certain) {
             other.as_flattened_mut().fill(0.0);
         } else {
             timed(Stage::Pdf, || {
@@ -214,8 +216,8 @@ impl Part<'_> {
         }
         let all = pdf.as_flattened_mut().iter_mut().zip(other.as_flattened()).zip(self.places);
         for ((pdf, other), &place) in all {
-            let share = shares[place as usize];
-            let own = (self.to)(share) - (self.from)(share);
+            let weight = mixture_weights[place as usize];
+            let own = (self.to)(weight) - (self.from)(weight);
             *pdf = of_mixture(*pdf, *other, own);
         }
         let [x, y, z, pdf, _] = drawn.get();

@@ -28,8 +28,8 @@ pub trait IntermediateDensity: Send + Sync {
     /// Computes the density over Y at `y`.
     fn density(&self, at: &Rows<'_>, state: &[Lanes], y: [&[Lanes]; 2], q: &mut [Lanes], arena: &Arena);
 
-    /// See [`Sampler::share`].
-    fn share(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
+    /// See [`Sampler::mixture_weight`].
+    fn mixture_weight(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
         out.as_flattened_mut().fill(0.5);
     }
 }
@@ -75,8 +75,8 @@ impl<I: IntermediateDensity> Sampler for ProductSampler<I> {
         }
     }
 
-    fn share(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.intermediate.share(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        self.intermediate.mixture_weight(at, out, arena);
     }
 
     fn coverage(&self) -> Coverage {

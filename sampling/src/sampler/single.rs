@@ -97,12 +97,12 @@ impl<'a> AtPoint<'a> {
         pdf[0][0]
     }
 
-    /// See [`Sampler::share`].
-    pub fn share(&self) -> f32 {
+    /// See [`Sampler::mixture_weight`].
+    pub fn mixture_weight(&self) -> f32 {
         let rows = self.point.tile().rows();
-        let mut shares = vec![[0.0; LANES]; rows.strips()];
-        self.sampler.share(&rows, &mut shares, &self.point.arena);
-        shares[0][0]
+        let mut mixture_weights = vec![[0.0; LANES]; rows.strips()];
+        self.sampler.mixture_weight(&rows, &mut mixture_weights, &self.point.arena);
+        mixture_weights[0][0]
     }
 
     /// Returns the shading point, ready for BRDFs.

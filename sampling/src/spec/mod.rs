@@ -180,7 +180,7 @@ impl SamplerSpec {
     /// BRDF sampling, all others are alone.
     pub fn of_exported(exported: &ExportedSampler, file: PathBuf) -> Self {
         let kind = FileKind::of(exported);
-        if exported.has_share() { Self::file_with_mis(kind, file) } else { Self::file(kind, file) }
+        if exported.has_mixture_weight() { Self::file_with_mis(kind, file) } else { Self::file(kind, file) }
     }
 
     /// `split:N:patches+vis`, or `patches+vis` for one direction.

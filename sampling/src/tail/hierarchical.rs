@@ -356,9 +356,9 @@ vectorized! {
             let corners = nodes.corners_of(&columns, &rows);
             let Bounds { left, right, top, bottom } = tail.bounds(&columns, &rows);
             for k in 0..LANES {
-                let share = corners[k].invert(inside[k]);
-                let u = left[k] + share.x * (right[k] - left[k]);
-                let v = top[k] + share.y * (bottom[k] - top[k]);
+                let fraction = corners[k].invert(inside[k]);
+                let u = left[k] + fraction.x * (right[k] - left[k]);
+                let v = top[k] + fraction.y * (bottom[k] - top[k]);
                 y_u[strip][k] = if u < BELOW_ONE { u } else { BELOW_ONE };
                 y_v[strip][k] = if v < BELOW_ONE { v } else { BELOW_ONE };
                 density[strip][k] = corners[k].evaluate(inside[k]);

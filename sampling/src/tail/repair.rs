@@ -64,11 +64,11 @@ impl WarpMap {
             repair.smoothings += 1;
             smooth(cells, &mut nodes, &broken, reach as usize);
         }
-        let mut share = 1e-3_f32;
+        let mut fraction = 1e-3_f32;
         while usable && repair.smoothings == SMOOTHINGS && !broken_cells(cells, &nodes, LEAST_CORNER).is_empty() {
-            repair.blended = share.min(1.0);
+            repair.blended = fraction.min(1.0);
             nodes = blend(cells, &original, repair.blended);
-            share *= 1.5;
+            fraction *= 1.5;
         }
         Ok((Self::new(cells, &nodes)?, repair))
     }
@@ -191,9 +191,9 @@ fn best_place(cells: usize, nodes: &[Vec2], at: usize) -> Vec2 {
 }
 
 /// Blends with the identity, shifted along the circle by the mean shift of the map.
-fn blend(cells: usize, nodes: &[Vec2], share: f32) -> Vec<Vec2> {
+fn blend(cells: usize, nodes: &[Vec2], fraction: f32) -> Vec<Vec2> {
     let own = |at: usize| Vec2::new((at % cells) as f32, (at / cells) as f32) / cells as f32;
     let shift = (0..nodes.len()).map(|at| f64::from(nodes[at].x - own(at).x)).sum::<f64>() / nodes.len() as f64;
     let shift = Vec2::new(shift as f32, 0.0);
-    (0..nodes.len()).map(|at| nodes[at].lerp(own(at) + shift, share)).collect()
+    (0..nodes.len()).map(|at| nodes[at].lerp(own(at) + shift, fraction)).collect()
 }

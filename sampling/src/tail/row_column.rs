@@ -77,16 +77,16 @@ impl RowColumn {
     fn warp(&self, y: Vec2) -> (Vec2, f32) {
         let y = y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE));
         let row = last_at_most(self.grid.rows(), y.y, |row| self.above[row]);
-        let share = remap(y.y, self.above[row], self.above[row + 1]);
-        let t = sample_linear(share, self.marginal[row], self.marginal[row + 1]);
+        let fraction = remap(y.y, self.above[row], self.above[row + 1]);
+        let t = sample_linear(fraction, self.marginal[row], self.marginal[row + 1]);
 
         let columns = self.grid.columns();
         let target = y.x * self.before(row, t, columns);
         let column = last_at_most(columns, target, |column| self.before(row, t, column));
-        let share = remap(target, self.before(row, t, column), self.before(row, t, column + 1));
+        let fraction = remap(target, self.before(row, t, column), self.before(row, t, column + 1));
         let corners = self.grid.corners(column, row);
         let [a, b, c, d] = corners.0;
-        let s = sample_linear(share, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
+        let s = sample_linear(fraction, (1.0 - t) * a + t * c, (1.0 - t) * b + t * d);
         let inside = Vec2::new(s, t);
         (self.grid.point(column as u32, row as u32, inside), 1.0 / corners.evaluate(inside))
     }

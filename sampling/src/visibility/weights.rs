@@ -165,7 +165,7 @@ mod tests {
             let mut out = [vec![[0.0; LANES]; at.strips()], vec![[0.0; LANES]; at.strips()]];
             sampler.prepare(&at, &mut state, &arena);
             sampler.pdf(&at, &state, wi.each_ref().map(|axis| &**axis), &mut out[0], &arena);
-            sampler.share(&at, &mut out[1], &arena);
+            sampler.mixture_weight(&at, &mut out[1], &arena);
             out
         };
         let [equal, none] = [densities(&patches.weighted(&unknown)), densities(&patches)];

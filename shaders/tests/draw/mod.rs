@@ -29,7 +29,7 @@ pub struct Answer {
     pub wi: [f32; 3],
     pub pdf: f32,
     pub pdf_of_given: f32,
-    pub share: f32,
+    pub mixture_weight: f32,
     padding: [f32; 2],
 }
 
@@ -87,7 +87,7 @@ impl Program {
         let descriptor = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
         // The example returns everything but the mixture weight.
-        let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, share: f32 }");
+        let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, mixture_weight: f32 }");
         let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
         let source = wgpu::ShaderSource::Wgsl(Cow::Owned(source));
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });

@@ -27,7 +27,7 @@ pub use densities::{Panel, Scale, Sides, densities};
 pub use legend::wrap;
 pub use lines::error_over_time;
 pub use matrix::{Cell, Matrix, matrix};
-pub use settings::{Bar, effects, shares};
+pub use settings::{Bar, effects, fractions};
 pub use spots::{Spot, spots};
 
 use headtail_render::statistics::{MeanInterval, RatioInterval};

@@ -11,7 +11,7 @@ pub const FRONT: &str = "Ringed, with bold names, are the samplers that no other
 
 /// A sampler's time and error; lower is better for both.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Place {
+pub struct MeasuredSampler {
     /// Its full name.
     pub name: String,
     /// Its colour and marker.
@@ -22,7 +22,7 @@ pub struct Place {
     pub error: Extent,
 }
 
-impl Place {
+impl MeasuredSampler {
     /// Seconds and MSE of a group.
     pub fn of(summary: &Summary, group: &Group) -> Self {
         let look = summary.look(&group.sampler);
@@ -41,42 +41,43 @@ impl Place {
     }
 }
 
-/// Returns whether each place is on the front: no other beats it by more than the intervals. Places that
+/// Returns whether each sampler is on the front: no other beats it by more than the intervals. Samplers that
 /// cannot be drawn are not.
-pub fn on_front(places: &[Place]) -> Vec<bool> {
-    let rivals = || places.iter().filter(|place| place.is_drawable());
-    places.iter().map(|place| place.is_drawable() && !rivals().any(|other| place.is_beaten_by(other))).collect()
+pub fn on_front(samplers: &[MeasuredSampler]) -> Vec<bool> {
+    let rivals = || samplers.iter().filter(|sampler| sampler.is_drawable());
+    samplers.iter().map(|sampler| sampler.is_drawable() && !rivals().any(|other| sampler.is_beaten_by(other))).collect()
 }
 
 /// Draws the scatter plot on logarithmic axes. Empty if nothing can be drawn.
-pub fn scatter(name: &str, places: &[Place], titles: [&str; 2]) -> Chart {
-    let places: Vec<Place> = places.iter().filter(|place| place.is_drawable()).cloned().collect();
-    let layouts = Layout::BOTH.iter().filter(|_| !places.is_empty());
-    Chart { name: name.into(), drawings: layouts.map(|layout| draw(layout, &places, titles)).collect() }
+pub fn scatter(name: &str, samplers: &[MeasuredSampler], titles: [&str; 2]) -> Chart {
+    let samplers: Vec<MeasuredSampler> = samplers.iter().filter(|sampler| sampler.is_drawable()).cloned().collect();
+    let layouts = Layout::BOTH.iter().filter(|_| !samplers.is_empty());
+    Chart { name: name.into(), drawings: layouts.map(|layout| draw(layout, &samplers, titles)).collect() }
 }
 
-fn draw(layout: &Layout, places: &[Place], [time, error]: [&str; 2]) -> Drawing {
+fn draw(layout: &Layout, samplers: &[MeasuredSampler], [time, error]: [&str; 2]) -> Drawing {
     let [across, up] = layout.ends();
-    let x = Axis::of_intervals(places.iter().map(|place| place.time), across.0, across.1);
-    let y = Axis::of_intervals(places.iter().map(|place| place.error), up.0, up.1);
-    let on_front = on_front(places);
-    let entry = |(place, &on_front): (_, &bool)| {
-        let Place { name, look, .. }: &Place = place;
+    let x = Axis::of_intervals(samplers.iter().map(|sampler| sampler.time), across.0, across.1);
+    let y = Axis::of_intervals(samplers.iter().map(|sampler| sampler.error), up.0, up.1);
+    let on_front = on_front(samplers);
+    let entry = |(sampler, &on_front): (_, &bool)| {
+        let MeasuredSampler { name, look, .. }: &MeasuredSampler = sampler;
         Entry { look: *look, name, on_front }
     };
-    let entries: Vec<Entry> = places.iter().zip(&on_front).map(entry).collect();
+    let entries: Vec<Entry> = samplers.iter().zip(&on_front).map(entry).collect();
     let legend = Legend::new(&entries, (layout.left, layout.width - layout.left - layout.right));
     let label = format!("{error} against {time}, both logarithmic, one point for each sampler");
     let mut drawing = Drawing::new(layout.class, (layout.width, layout.height + legend.height), label);
     layout.draw_frame(&mut drawing, &x, &y, [time, error]);
-    steps(&mut drawing, [&x, &y], places);
-    for (place, on_front) in places.iter().zip(on_front) {
-        drawing.group(&place.look.class(), |drawing| {
+    steps(&mut drawing, [&x, &y], samplers);
+    for (sampler, on_front) in samplers.iter().zip(on_front) {
+        drawing.group(&sampler.look.class(), |drawing| {
             if on_front {
-                ring(drawing, x.at(place.time.value), y.at(place.error.value));
+                ring(drawing, x.at(sampler.time.value), y.at(sampler.error.value));
             }
-            let words = format!("{}: error {}, time {}", place.name, text(place.error.value), text(place.time.value));
-            point(drawing, [&x, &y], place.look, [place.time, place.error], &words);
+            let words =
+                format!("{}: error {}, time {}", sampler.name, text(sampler.error.value), text(sampler.time.value));
+            point(drawing, [&x, &y], sampler.look, [sampler.time, sampler.error], &words);
         });
     }
     legend.draw(&mut drawing, layout.height);
@@ -84,25 +85,27 @@ fn draw(layout: &Layout, places: &[Place], [time, error]: [&str; 2]) -> Drawing 
 }
 
 /// Draws the front as steps: between two points, only the accuracy of the faster one is reachable.
-pub(super) fn steps(drawing: &mut Drawing, [x, y]: [&Axis; 2], places: &[Place]) {
+pub(super) fn steps(drawing: &mut Drawing, [x, y]: [&Axis; 2], samplers: &[MeasuredSampler]) {
     let mut path = String::new();
-    for place in best_means(places) {
-        let (px, py) = (x.at(place.time.value), y.at(place.error.value));
+    for sampler in best_means(samplers) {
+        let (px, py) = (x.at(sampler.time.value), y.at(sampler.error.value));
         let start = if path.is_empty() { format!("M{px:.1} {:.1}", y.end) } else { format!("H{px:.1}") };
         path += &format!("{start}V{py:.1}");
     }
     drawing.path("front", format_args!("{path}H{:.1}", x.end));
 }
 
-/// Returns the places that no other beats in both means, from the fastest to the most accurate.
-fn best_means(places: &[Place]) -> Vec<&Place> {
-    let mut sorted: Vec<&Place> = places.iter().collect();
-    let by = |a: &Place, b: &Place| a.time.value.total_cmp(&b.time.value).then(a.error.value.total_cmp(&b.error.value));
+/// Returns the samplers that no other beats in both means, from the fastest to the most accurate.
+fn best_means(samplers: &[MeasuredSampler]) -> Vec<&MeasuredSampler> {
+    let mut sorted: Vec<&MeasuredSampler> = samplers.iter().collect();
+    let by = |a: &MeasuredSampler, b: &MeasuredSampler| {
+        a.time.value.total_cmp(&b.time.value).then(a.error.value.total_cmp(&b.error.value))
+    };
     sorted.sort_by(|a, b| by(a, b));
     let mut least = f64::INFINITY;
-    sorted.retain(|place| {
-        let better = place.error.value < least;
-        least = least.min(place.error.value);
+    sorted.retain(|sampler| {
+        let better = sampler.error.value < least;
+        least = least.min(sampler.error.value);
         better
     });
     sorted
@@ -112,56 +115,56 @@ fn best_means(places: &[Place]) -> Vec<&Place> {
 mod tests {
     use super::*;
 
-    fn place(name: &str, time: f64, error: f64) -> Place {
+    fn measured(name: &str, time: f64, error: f64) -> MeasuredSampler {
         let look = Look::of_all([name].into_iter())[0];
-        Place { name: name.to_owned(), look, time: Extent::exact(time), error: Extent::exact(error) }
+        MeasuredSampler { name: name.to_owned(), look, time: Extent::exact(time), error: Extent::exact(error) }
     }
 
-    fn names(places: &[Place]) -> Vec<&str> {
-        let chosen = places.iter().zip(on_front(places)).filter(|(_, on_front)| *on_front);
-        chosen.map(|(place, _)| place.name.as_str()).collect()
+    fn names(samplers: &[MeasuredSampler]) -> Vec<&str> {
+        let chosen = samplers.iter().zip(on_front(samplers)).filter(|(_, on_front)| *on_front);
+        chosen.map(|(sampler, _)| sampler.name.as_str()).collect()
     }
 
     #[test]
     fn the_front_has_the_points_that_none_dominates() {
-        let places = [
-            place("slow", 4.0, 0.5),
-            place("mis", 1.0, 2.0),
-            place("worse", 2.0, 2.5),
-            place("head", 3.0, 0.4),
-            place("nan", 0.5, f64::NAN),
+        let samplers = [
+            measured("slow", 4.0, 0.5),
+            measured("mis", 1.0, 2.0),
+            measured("worse", 2.0, 2.5),
+            measured("head", 3.0, 0.4),
+            measured("nan", 0.5, f64::NAN),
         ];
-        assert_eq!(names(&places), ["mis", "head"]);
+        assert_eq!(names(&samplers), ["mis", "head"]);
     }
 
     #[test]
     fn the_front_accounts_for_noise() {
-        let spread = |place: Place, part: f64| {
+        let spread = |sampler: MeasuredSampler, part: f64| {
             let around = |extent: Extent| Extent {
                 ends: Some((extent.value * (1.0 - part), extent.value * (1.0 + part))),
                 ..extent
             };
-            Place { time: around(place.time), error: around(place.error), ..place }
+            MeasuredSampler { time: around(sampler.time), error: around(sampler.error), ..sampler }
         };
         // Slightly slower and less accurate, both within the intervals: not clearly beaten.
-        let close = [place("a", 1.0, 1.0), place("b", 1.02, 1.02)];
+        let close = [measured("a", 1.0, 1.0), measured("b", 1.02, 1.02)];
         assert_eq!(names(&close), ["a"]);
-        assert_eq!(names(&close.map(|place| spread(place, 0.05))), ["a", "b"]);
+        assert_eq!(names(&close.map(|sampler| spread(sampler, 0.05))), ["a", "b"]);
         // Slightly faster, within the interval, with a 10x higher error.
-        let far = [place("a", 1.0, 10.0), place("b", 1.02, 1.0)];
+        let far = [measured("a", 1.0, 10.0), measured("b", 1.02, 1.0)];
         assert_eq!(names(&far), ["a", "b"]);
-        assert_eq!(names(&far.map(|place| spread(place, 0.05))), ["b"]);
+        assert_eq!(names(&far.map(|sampler| spread(sampler, 0.05))), ["b"]);
     }
 
     #[test]
     fn the_scatter_draws_every_point_and_one_front() {
-        let places = [place("mis", 1.0, 2.0), place("a <b>", 2.0, 1.0), place("zero", 0.0, 1.0)];
-        let chart = scatter("pareto", &places, ["time", "error"]);
+        let samplers = [measured("mis", 1.0, 2.0), measured("a <b>", 2.0, 1.0), measured("zero", 0.0, 1.0)];
+        let chart = scatter("pareto", &samplers, ["time", "error"]);
         for drawing in &chart.drawings {
             let svg = drawing.svg();
             assert_eq!((svg.matches("class=\"front\"").count(), svg.matches("class=\"ring\"").count()), (1, 4));
             assert!(svg.contains("a &lt;b&gt;") && !svg.contains("zero") && !svg.contains("NaN"));
         }
-        assert!(chart.drawings.len() == 2 && scatter("x", &places[2..], ["time", "error"]).drawings.is_empty());
+        assert!(chart.drawings.len() == 2 && scatter("x", &samplers[2..], ["time", "error"]).drawings.is_empty());
     }
 }

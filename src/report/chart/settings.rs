@@ -72,12 +72,12 @@ fn draw_effects(layout: &Layout, groups: &[(String, Vec<Bar>)], label: &str) -> 
 }
 
 /// Draws bars of fractions from 0. Empty without bars.
-pub fn shares(name: &str, bars: &[Bar], label: &str) -> Chart {
+pub fn fractions(name: &str, bars: &[Bar], label: &str) -> Chart {
     let layouts = Layout::BOTH.iter().filter(|_| !bars.is_empty());
-    Chart { name: name.into(), drawings: layouts.map(|layout| draw_shares(layout, bars, label)).collect() }
+    Chart { name: name.into(), drawings: layouts.map(|layout| draw_fractions(layout, bars, label)).collect() }
 }
 
-fn draw_shares(layout: &Layout, bars: &[Bar], label: &str) -> Drawing {
+fn draw_fractions(layout: &Layout, bars: &[Bar], label: &str) -> Drawing {
     let most = bars.iter().map(|bar| bar.extent.value).fold(1e-9, f64::max);
     let names = Names::new(layout, bars.iter());
     let length = layout.width - NUMBER - names.width;
@@ -149,8 +149,8 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_share_is_the_longest_bar() {
-        let svg = shares("importance", &[bar_of("a", 0.5, None), bar_of("b", -0.01, None)], "").drawings[1].svg();
+    fn the_largest_fraction_is_the_longest_bar() {
+        let svg = fractions("importance", &[bar_of("a", 0.5, None), bar_of("b", -0.01, None)], "").drawings[1].svg();
         let widths: Vec<f64> = svg
             .split("class=\"bar\"")
             .skip(1)

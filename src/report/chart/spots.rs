@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Chart, Drawing, Extent, Layout, is_drawable,
-    pareto::{Place, steps},
+    pareto::{MeasuredSampler, steps},
 };
 use crate::report::kind::Look;
 
@@ -32,13 +32,13 @@ fn draw(layout: &Layout, spots: &[&Spot], titles: [&str; 2]) -> Drawing {
     let mut drawing = Drawing::new(layout.class, (layout.width, layout.height), label);
     layout.draw_frame(&mut drawing, &x, &y, titles);
     let look = Look::of_all(["spot"].into_iter())[0];
-    let place = |spot: &&Spot| Place {
+    let measured = |spot: &&Spot| MeasuredSampler {
         name: String::new(),
         look,
         time: Extent::exact(spot.at[0]),
         error: Extent::exact(spot.at[1]),
     };
-    steps(&mut drawing, [&x, &y], &spots.iter().map(place).collect::<Vec<_>>());
+    steps(&mut drawing, [&x, &y], &spots.iter().map(measured).collect::<Vec<_>>());
     drawing.group("series s2 v0", |drawing| {
         for Spot { index, at, is_marked } in spots {
             let (px, py) = (x.at(at[0]), y.at(at[1]));

@@ -13,7 +13,7 @@ use anyhow::Result;
 use headtail_render::statistics::RatioInterval;
 use maud::{Markup, PreEscaped, html};
 
-use super::chart::pareto::{self, FRONT, Place};
+use super::chart::pareto::{self, FRONT, MeasuredSampler};
 use super::chart::{self};
 use super::gallery::Gallery;
 use super::number::{ends, times};
@@ -126,8 +126,9 @@ fn in_brackets(ratio: &RatioInterval) -> String {
 
 /// Speed and accuracy at the budget that is shown first.
 fn speed(summary: &Summary) -> Chart {
-    let places: Vec<Place> = summary.at(&summary.shown_first().name).map(|group| Place::of(summary, group)).collect();
-    pareto::scatter("speed-accuracy", &places, ["rendering time in seconds", "mean squared error"])
+    let samplers: Vec<MeasuredSampler> =
+        summary.at(&summary.shown_first().name).map(|group| MeasuredSampler::of(summary, group)).collect();
+    pareto::scatter("speed-accuracy", &samplers, ["rendering time in seconds", "mean squared error"])
 }
 
 fn charts(summary: &Summary) -> Markup {

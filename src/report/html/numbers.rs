@@ -40,7 +40,7 @@ const FIGURES: [Figure; 14] = [
     figure("FLIP", "first run", true, |_, gallery, group| flip(gallery, group, 0)),
     figure("HDR-FLIP", "first run", true, |_, gallery, group| flip(gallery, group, 1)),
     figure("TTUV", "MSE \u{d7} s", true, |_, _, group| interval(&group.ttuv)),
-    figure("Fireflies", "% of relMSE", false, |_, _, group| Value::Amount(firefly_share(group)).into()),
+    figure("Fireflies", "% of relMSE", false, |_, _, group| Value::Amount(firefly_percentage(group)).into()),
     // Luminances of samplers agree in their first digits, so one more is printed.
     figure("Luminance", "mean", false, |_, _, group| {
         Cell::from(Value::Number(group.mean_luminance.mean, 4)).beside(percent(&group.mean_luminance))
@@ -58,7 +58,7 @@ fn interval(interval: &MeanInterval) -> Cell {
 }
 
 /// Returns the percentage of relative squared error in the worst pixels.
-fn firefly_share(group: &Group) -> f64 {
+fn firefly_percentage(group: &Group) -> f64 {
     if group.mean.relmse_trimmed == group.mean.relmse {
         return 0.0;
     }

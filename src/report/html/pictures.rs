@@ -136,7 +136,7 @@ fn colour_bars(index: usize, panel: &Panel, (width, height): (usize, usize)) -> 
     let (from, to) = (panel.scale.bottom(), panel.scale.top);
     let budget = &panel.budget.name;
     let powers = [from, 0.5 * (from + to), to].map(power);
-    let shares = ["0", "0.5", "1"].map(str::to_owned);
+    let fractions = ["0", "0.5", "1"].map(str::to_owned);
     let bar = |kind: &str, words: &str, ticks: [String; 3]| {
         html! {
             div.colour-bar data-panel=(index) data-map=(kind) style={ "aspect-ratio:" (width) "/" (height) } {
@@ -148,7 +148,7 @@ fn colour_bars(index: usize, panel: &Panel, (width, height): (usize, usize)) -> 
     };
     html! {
         (bar("error", "squared error relative to the reference", powers))
-        (bar("flip", "FLIP: how different it looks", shares))
+        (bar("flip", "FLIP: how different it looks", fractions))
     }
 }
 

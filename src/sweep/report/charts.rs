@@ -135,15 +135,16 @@ pub fn effects(objective: &str, effects: &[(String, Vec<Effect>)], has_seeds: bo
 
 /// Charts the importance of settings.
 pub fn importance(objective: &str, importance: &Importance) -> Markup {
-    let bar = |(key, share): &(String, f64)| Bar { name: key.clone(), extent: Extent::exact(*share) };
-    let bars: Vec<Bar> = importance.shares.iter().map(bar).collect();
-    let rows = importance.shares.iter().map(|(key, share)| vec![Cell::text(key), Cell::number(*share)]).collect();
+    let bar = |(key, fraction): &(String, f64)| Bar { name: key.clone(), extent: Extent::exact(*fraction) };
+    let bars: Vec<Bar> = importance.fractions.iter().map(bar).collect();
+    let rows =
+        importance.fractions.iter().map(|(key, fraction)| vec![Cell::text(key), Cell::number(*fraction)]).collect();
     let columns = vec![Column::text("setting"), Column::number("importance", "")];
     html! {
         section {
             h2 { "Which settings matter" }
             figure {
-                (chart::shares("importance", &bars, "Importance of settings").html())
+                (chart::fractions("importance", &bars, "Importance of settings").html())
                 figcaption.note {
                     "Permutation importance over a random forest of " (forest::TREES) " trees: the share of the variance of ln " (objective)
                     " that the forest no longer explains, out of bag, once the setting is shuffled among trials. Trials are compared with those of the same \

@@ -24,10 +24,10 @@ pub(super) struct Conditions {
     pub azimuth: Vec<f32>,
     pub d_elevation: Vec<f32>,
     pub d_azimuth: Vec<f32>,
-    share_hidden: Hidden,
+    mixture_weight_hidden: Hidden,
     /// Logits of the mixture weights; empty without learned mixture weight.
-    shares: Vec<f32>,
-    d_shares: Vec<f32>,
+    mixture_weight_logits: Vec<f32>,
+    d_mixture_weight_logits: Vec<f32>,
     /// Autoregressive mode: the elevation's hidden layers, and its logits.
     elevation_hidden: Hidden,
     pub elevation_logits: Vec<f32>,
@@ -62,10 +62,16 @@ impl Conditions {
         layout.azimuth[0].forward(weights, seen, &mut self.azimuth);
         clear(&mut self.d_elevation, self.elevation.len());
         clear(&mut self.d_azimuth, self.azimuth.len());
-        if let [first, ..] = &layout.share[..] {
-            first.forward(weights, seen, self.share_hidden.first(&layout.share));
-            self.share_hidden.forward(&layout.share, weights, slope, count, &mut self.shares);
-            clear(&mut self.d_shares, count);
+        if let [first, ..] = &layout.mixture_weight[..] {
+            first.forward(weights, seen, self.mixture_weight_hidden.first(&layout.mixture_weight));
+            self.mixture_weight_hidden.forward(
+                &layout.mixture_weight,
+                weights,
+                slope,
+                count,
+                &mut self.mixture_weight_logits,
+            );
+            clear(&mut self.d_mixture_weight_logits, count);
         }
         if layout.config.mode == Mode::Autoregressive {
             self.elevation_hidden.first(&layout.elevation).clone_from(&self.elevation);
@@ -76,9 +82,9 @@ impl Conditions {
 
     /// Returns the mixture weight logits of some columns and their derivatives; empty without learned mixture
     /// weight.
-    pub fn shares_of(&mut self, columns: Range<usize>) -> (&[f32], &mut [f32]) {
-        match self.shares.get(columns.clone()) {
-            Some(shares) => (shares, &mut self.d_shares[columns]),
+    pub fn mixture_weight_logits_of(&mut self, columns: Range<usize>) -> (&[f32], &mut [f32]) {
+        match self.mixture_weight_logits.get(columns.clone()) {
+            Some(logits) => (logits, &mut self.d_mixture_weight_logits[columns]),
             None => (&[], &mut []),
         }
     }
@@ -97,9 +103,9 @@ impl Conditions {
         let rows = layout.config.network_condition();
         clear(&mut self.d_seen, rows * count);
         let seen = Matrix::new(&self.seen, rows, count);
-        if let [first, ..] = &layout.share[..] {
-            let d_logits = Matrix::new(&self.d_shares, 1, count);
-            self.share_hidden.backward(&layout.share, weights, slope, d_logits, scratch, gradient);
+        if let [first, ..] = &layout.mixture_weight[..] {
+            let d_logits = Matrix::new(&self.d_mixture_weight_logits, 1, count);
+            self.mixture_weight_hidden.backward(&layout.mixture_weight, weights, slope, d_logits, scratch, gradient);
             first_layer_backward(first, weights, &scratch.d_hidden, seen, gradient, &mut self.d_seen);
         }
         for (layer, derivatives) in [(&layout.elevation[0], &self.d_elevation), (&layout.azimuth[0], &self.d_azimuth)] {

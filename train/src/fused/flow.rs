@@ -93,7 +93,7 @@ impl FusedFlow {
         self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
             let range = index * count / parts..(index + 1) * count / parts;
             let points = &points[2 * range.start..2 * range.end];
-            simd::dispatch(Work { part, layout, weights, points, scale: 1.0 / count as f32 });
+            simd::dispatch(PointsPart { part, layout, weights, points, scale: 1.0 / count as f32 });
         });
         StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..])))
     }
@@ -133,7 +133,8 @@ impl FusedFlow {
     }
 }
 
-struct Work<'a> {
+/// One part of the points.
+struct PointsPart<'a> {
     part: &'a mut Part,
     layout: &'a Layout,
     weights: &'a [f32],
@@ -141,7 +142,7 @@ struct Work<'a> {
     scale: f32,
 }
 
-impl Vectorized for Work<'_> {
+impl Vectorized for PointsPart<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
         let Self { part, layout, weights, points, scale } = self;

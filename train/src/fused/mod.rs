@@ -20,7 +20,7 @@ mod perceptron;
 mod samples;
 mod splines;
 
-use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, head::SHARE_HIDDEN};
+use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, head::MIXTURE_WEIGHT_HIDDEN};
 use headtail_render::simd::{self, Simd, Vectorized};
 use rayon::prelude::*;
 
@@ -30,7 +30,7 @@ use conditions::Conditions;
 pub use flow::FusedFlow;
 pub(crate) use matrix::Matrix;
 pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
-use samples::{Place, Samples, Scratch, Weights};
+use samples::{ConditionGroup, Samples, Scratch, Weights};
 
 /// Returns the number of parts of a batch whose gradients are summed in order. It depends only on the batch,
 /// so the sum does not depend on the number of threads. Large batches have enough parts for many cores.
@@ -54,7 +54,7 @@ struct Layout {
     encoder: Vec<Layer>,
     elevation: Vec<Layer>,
     azimuth: Vec<Layer>,
-    share: Vec<Layer>,
+    mixture_weight: Vec<Layer>,
     length: usize,
 }
 
@@ -88,8 +88,8 @@ impl Layout {
         };
         let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
         let azimuth = network(1);
-        let share = if config.share { layers(&[seen, SHARE_HIDDEN, 1]) } else { Vec::new() };
-        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, share, length }
+        let mixture_weight = if config.share { layers(&[seen, MIXTURE_WEIGHT_HIDDEN, 1]) } else { Vec::new() };
+        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, mixture_weight, length }
     }
 }
 
@@ -115,14 +115,14 @@ impl GradientSource for FusedGradient {
         self.parts.resize_with(parts, Part::default);
         self.parts.par_iter_mut().enumerate().for_each(|(index, part)| {
             let range = index * count / parts..(index + 1) * count / parts;
-            simd::dispatch(Work { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
+            simd::dispatch(BatchPart { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
         });
         Some(StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..]))))
     }
 }
 
 /// One part of a batch.
-struct Work<'a> {
+struct BatchPart<'a> {
     part: &'a mut Part,
     layout: &'a Layout,
     weights: &'a [f32],
@@ -133,7 +133,7 @@ struct Work<'a> {
     scale: f32,
 }
 
-impl Vectorized for Work<'_> {
+impl Vectorized for BatchPart<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
         let Self { part, layout, weights, objective, batch, range, scale } = self;
@@ -144,14 +144,14 @@ impl Vectorized for Work<'_> {
             return;
         }
         part.conditions.forward(layout, weights, batch, range.clone());
-        let group = (GROUP / batch.samples).max(1);
+        let group_size = (GROUP / batch.samples).max(1);
         let networks = Weights { layout, values: weights };
         let mut first = range.start;
         while first < range.end {
-            let last = (first + group).min(range.end);
-            let place = Place { first, count: last - first, column: first - range.start };
-            part.samples.forward(networks, batch, &part.conditions, place);
-            part.loss += part.samples.evaluate_loss(objective, batch, &mut part.conditions, place, scale);
+            let last = (first + group_size).min(range.end);
+            let group = ConditionGroup { first, count: last - first, column: first - range.start };
+            part.samples.forward(networks, batch, &part.conditions, group);
+            part.loss += part.samples.evaluate_loss(objective, batch, &mut part.conditions, group, scale);
             part.samples.backward(networks, &mut part.conditions, &mut part.scratch, &mut part.gradient);
             first = last;
         }

@@ -21,7 +21,7 @@ const BLOCK: usize = 128;
 /// A group of `count` whole conditions, from `first` on in the batch, from `column` on in the matrices of
 /// conditions.
 #[derive(Clone, Copy)]
-pub(super) struct Place {
+pub(super) struct ConditionGroup {
     pub first: usize,
     pub count: usize,
     pub column: usize,
@@ -85,8 +85,8 @@ pub(super) struct Weights<'a> {
 
 impl Samples {
     #[inline(always)]
-    pub fn forward(&mut self, weights: Weights<'_>, batch: &Batch, conditions: &Conditions, place: Place) {
-        let count = place.count * batch.samples;
+    pub fn forward(&mut self, weights: Weights<'_>, batch: &Batch, conditions: &Conditions, group: ConditionGroup) {
+        let count = group.count * batch.samples;
         self.used = count.div_ceil(BLOCK);
         if self.blocks.len() < self.used {
             self.blocks.resize_with(self.used, Block::default);
@@ -94,7 +94,7 @@ impl Samples {
         self.log_q.clear();
         for (index, block) in self.blocks[..self.used].iter_mut().enumerate() {
             block.samples = index * BLOCK..((index + 1) * BLOCK).min(count);
-            block.load(batch, place);
+            block.load(batch, group);
             block.forward(weights, conditions);
             let [v, u] = [&block.elevation, &block.azimuth].map(|network| &network.splines.log_slopes);
             for (v, u) in v.iter().zip(u).take(block.samples.len()) {
@@ -110,13 +110,21 @@ impl Samples {
         objective: Objective,
         batch: &Batch,
         conditions: &mut Conditions,
-        place: Place,
+        group: ConditionGroup,
         scale: f32,
     ) -> f32 {
         self.d_log_q.resize(self.log_q.len(), 0.0);
-        let (shares, d_shares) = conditions.shares_of(place.column..place.column + place.count);
-        let total = objective.evaluate_conditions(batch, place.first, &self.log_q, shares, &mut self.d_log_q, d_shares);
-        for derivative in self.d_log_q.iter_mut().chain(d_shares) {
+        let (mixture_weight_logits, d_mixture_weight_logits) =
+            conditions.mixture_weight_logits_of(group.column..group.column + group.count);
+        let total = objective.evaluate_conditions(
+            batch,
+            group.first,
+            &self.log_q,
+            mixture_weight_logits,
+            &mut self.d_log_q,
+            d_mixture_weight_logits,
+        );
+        for derivative in self.d_log_q.iter_mut().chain(d_mixture_weight_logits) {
             *derivative *= scale;
         }
         total * scale
@@ -141,12 +149,12 @@ impl Samples {
 
 impl Block {
     #[inline(always)]
-    fn load(&mut self, batch: &Batch, place: Place) {
+    fn load(&mut self, batch: &Batch, group: ConditionGroup) {
         let range = self.samples.clone();
         self.columns = range.len().next_multiple_of(LANES);
         for (coordinate, out) in [&mut self.u, &mut self.v].into_iter().enumerate() {
             out.clear();
-            let points = &batch.points[2 * (place.first * batch.samples + range.start)..][..2 * range.len()];
+            let points = &batch.points[2 * (group.first * batch.samples + range.start)..][..2 * range.len()];
             for point in points.chunks_exact(2) {
                 out.push(point[coordinate]);
             }
@@ -158,7 +166,7 @@ impl Block {
             let condition = at / batch.samples;
             let end = ((condition + 1) * batch.samples).min(range.end);
             let columns = at - range.start..end - range.start;
-            self.segments.push(Segment { condition: place.column + condition, columns });
+            self.segments.push(Segment { condition: group.column + condition, columns });
             at = end;
         }
     }

@@ -45,7 +45,7 @@ pub struct Batch {
     /// `[conditions, samples]`: the density over X of the tail's image of uniform points.
     pub tails: Vec<f32>,
     /// `[conditions]`: offset of the logits of learned mixture weights.
-    pub share_logits: Vec<f32>,
+    pub mixture_weight_logits: Vec<f32>,
 }
 
 /// The points of one condition, `[samples]` each; see [`Batch`].
@@ -60,7 +60,7 @@ pub struct ConditionPoints<'a> {
     /// The tail's density over X.
     pub tails: &'a [f32],
     /// Offset of the logit of a learned mixture weight.
-    pub share_logit: f32,
+    pub mixture_weight_logit: f32,
 }
 
 impl Batch {
@@ -82,7 +82,7 @@ impl Batch {
             weights: vec![1.0; count],
             brdf: vec![0.0; count],
             tails: vec![1.0; count],
-            share_logits: Vec::new(),
+            mixture_weight_logits: Vec::new(),
         };
         let rows = batch.points.chunks_exact_mut(2 * samples);
         for (condition, uniforms) in batch.conditions.chunks_exact_mut(condition_length).zip(rows) {
@@ -90,7 +90,7 @@ impl Batch {
             uniforms.fill_with(|| stream.uniform());
         }
         let conditions = batch.conditions.par_chunks_exact(condition_length);
-        batch.share_logits = conditions.map(|condition| target.share_logit(condition)).collect();
+        batch.mixture_weight_logits = conditions.map(|condition| target.mixture_weight_logit(condition)).collect();
         batch
             .conditions
             .par_chunks_exact(condition_length)
@@ -121,7 +121,7 @@ impl Batch {
                 weights: cut(&self.weights, self.samples),
                 brdf: cut(&self.brdf, self.samples),
                 tails: cut(&self.tails, self.samples),
-                share_logits: cut(&self.share_logits, 1),
+                mixture_weight_logits: cut(&self.mixture_weight_logits, 1),
                 ..*self
             }
         };
@@ -141,7 +141,7 @@ impl Batch {
             weights: &self.weights[range.clone()],
             brdf: &self.brdf[range.clone()],
             tails: &self.tails[range],
-            share_logit: self.share_logits[index],
+            mixture_weight_logit: self.mixture_weight_logits[index],
         }
     }
 
@@ -255,7 +255,7 @@ mod tests {
         assert_eq!(joined(|part| &part.weights), batch.weights);
         assert_eq!(joined(|part| &part.brdf), batch.brdf);
         assert_eq!(joined(|part| &part.tails), batch.tails);
-        assert_eq!(joined(|part| &part.share_logits), batch.share_logits);
+        assert_eq!(joined(|part| &part.mixture_weight_logits), batch.mixture_weight_logits);
     }
 
     #[test]

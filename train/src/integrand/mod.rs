@@ -73,7 +73,7 @@ pub trait Target: Sync {
     }
 
     /// Returns the offset of the logit of a learned mixture weight.
-    fn share_logit(&self, _condition: &[f32]) -> f32 {
+    fn mixture_weight_logit(&self, _condition: &[f32]) -> f32 {
         0.0
     }
 

@@ -97,7 +97,7 @@ mod tests {
         assert_ne!(in_x.points, in_y.points);
         let evaluate = |batch: &Batch, index: usize, loss: Loss, log_q: &[f32]| {
             let mut unused = vec![0.0; batch.samples];
-            let mut out = LossDerivatives { d_log_q: &mut unused, d_share: 0.0 };
+            let mut out = LossDerivatives { d_log_q: &mut unused, d_mixture_weight_logit: 0.0 };
             Objective::from(loss).evaluate(&batch.condition(index), log_q, None, &mut out).unwrap()
         };
         for loss in [Loss::ForwardKl, Loss::LogChiSquare] {

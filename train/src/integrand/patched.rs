@@ -76,8 +76,8 @@ impl<S: RenderedSurface> Target for PatchedTarget<'_, S> {
         drawn.into_iter().map(|drawn| drawn.and_then(|_| found.next().flatten()).map(inside)).collect()
     }
 
-    fn share_logit(&self, condition: &[f32]) -> f32 {
-        Patches::share_logit(&self.surface.point(condition))
+    fn mixture_weight_logit(&self, condition: &[f32]) -> f32 {
+        Patches::mixture_weight_logit(&self.surface.point(condition))
     }
 }
 
@@ -164,10 +164,10 @@ mod tests {
             let target = PatchedTarget::new(surface, &tail, Detail::Leaves);
             let mut condition = vec![0.0; 10];
             target.draw_condition(&mut Stream::new(0, Purpose::Test, 0), &mut condition);
-            target.share_logit(&condition)
+            target.mixture_weight_logit(&condition)
         };
         assert!(logit(0.05).abs() < 1e-3 && logit(0.4) > 2.5);
         let diffuse = PatchedTarget::new(Lambert::default(), &tail, Detail::Leaves);
-        assert!(diffuse.share_logit(&[0.0, 1.0, 0.0]) > 6.0);
+        assert!(diffuse.mixture_weight_logit(&[0.0, 1.0, 0.0]) > 6.0);
     }
 }

@@ -74,12 +74,12 @@ impl Table {
         let sums = &self.sums[row * COLUMNS..][..COLUMNS];
         let (column, within_column) = invert_running_sums(sums, u);
         let x = Vec2::new((column as f32 + within_column) / COLUMNS as f32, (row as f32 + within_row) / ROWS as f32);
-        (x, share_of(&self.row_sums, row) * share_of(sums, column))
+        (x, relative_probability(&self.row_sums, row) * relative_probability(sums, column))
     }
 }
 
 /// Returns the probability of a cell, from prefix sums, relative to the uniform probability.
-fn share_of(sums: &[f32], cell: usize) -> f32 {
+fn relative_probability(sums: &[f32], cell: usize) -> f32 {
     let before = if cell == 0 { 0.0 } else { sums[cell - 1] };
     (sums[cell] - before) / sums[sums.len() - 1] * sums.len() as f32
 }

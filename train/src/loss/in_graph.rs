@@ -1,7 +1,7 @@
 //! The losses in the tensor library's graph: the reference for the derivatives in closed form.
 
 use burn::prelude::{Tensor, TensorData};
-use headtail_model::head::share_of_logits;
+use headtail_model::head::mixture_weight_of_logits;
 
 use super::{ENTROPIC_RANGE, LARGEST_LOG_CHI_SQUARE, Loss, NormalizedTarget, Objective, REVERSE_TARGET_FLOOR};
 use crate::integrand::Batch;
@@ -21,15 +21,20 @@ struct Constants {
 }
 
 impl Objective {
-    /// Returns the mean loss of a batch. `log_q` is `[conditions, samples]`, `share` are logits
+    /// Returns the mean loss of a batch. `log_q` is `[conditions, samples]`, `mixture_weight_logits` is
     /// `[conditions, 1]`.
     ///
     /// `None` if the target is zero under every condition.
-    pub fn of_batch(&self, batch: &Batch, log_q: Tensor<2>, share: Option<Tensor<2>>) -> Option<Tensor<1>> {
+    pub fn of_batch(
+        &self,
+        batch: &Batch,
+        log_q: Tensor<2>,
+        mixture_weight_logits: Option<Tensor<2>>,
+    ) -> Option<Tensor<1>> {
         let constants = Constants::new(batch, &log_q)?;
-        let log_q = match share {
+        let log_q = match mixture_weight_logits {
             Some(logits) => {
-                let prior = TensorData::new(batch.share_logits.clone(), logits.dims());
+                let prior = TensorData::new(batch.mixture_weight_logits.clone(), logits.dims());
                 let logits = logits.clone() + Tensor::from_data(prior, &logits.device());
                 mix(log_q, logits, constants.log_brdf.clone())
             }
@@ -105,7 +110,7 @@ impl Constants {
 
 /// Returns `ln(p q + (1 - p) b)`.
 fn mix(log_q: Tensor<2>, logits: Tensor<2>, log_brdf: Tensor<2>) -> Tensor<2> {
-    let p = share_of_logits(logits);
+    let p = mixture_weight_of_logits(logits);
     let head = log_q + p.clone().log();
     let brdf = log_brdf + p.neg().add_scalar(1.0).log();
     let largest = head.clone().max_pair(brdf.clone()).detach();

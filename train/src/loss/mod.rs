@@ -5,7 +5,7 @@ mod in_graph;
 #[cfg(test)]
 mod tests;
 
-use headtail_model::head::{SHARE_FLOOR, share_of_logit};
+use headtail_model::head::{MIXTURE_WEIGHT_FLOOR, mixture_weight_of_logit};
 use headtail_render::statistics::relative_variance_of_log_moment;
 use serde::{Deserialize, Serialize};
 
@@ -111,7 +111,7 @@ pub struct LossDerivatives<'a> {
     /// With respect to the head's log-density at each point; overwritten.
     pub d_log_q: &'a mut [f32],
     /// With respect to the mixture weight's logit.
-    pub d_share: f32,
+    pub d_mixture_weight_logit: f32,
 }
 
 impl Objective {
@@ -123,52 +123,53 @@ impl Objective {
         &self,
         points: &ConditionPoints<'_>,
         log_q: &[f32],
-        share: Option<f32>,
+        mixture_weight_logit: Option<f32>,
         out: &mut LossDerivatives<'_>,
     ) -> Option<f32> {
         let target = NormalizedTarget::new(points)?;
-        out.d_share = 0.0;
-        let Some(logit) = share else {
+        out.d_mixture_weight_logit = 0.0;
+        let Some(logit) = mixture_weight_logit else {
             return Some(self.of_density(&target, points, log_q, out.d_log_q));
         };
-        let mixture = Mixture::new(logit + points.share_logit);
+        let mixture = Mixture::new(logit + points.mixture_weight_logit);
         let log_mixed: Vec<f32> = log_q.iter().zip(points.brdf).map(|(&log_q, &b)| mixture.log(log_q, b)).collect();
         let loss = self.of_density(&target, points, &log_mixed, out.d_log_q);
-        let mut d_share = 0.0;
+        let mut d_mixture_weight = 0.0;
         for ((d, &log_q), &log_mixed) in out.d_log_q.iter_mut().zip(log_q).zip(&log_mixed) {
             let d_mixed = *d;
             let part = mixture.head_part(log_q, log_mixed);
             *d = d_mixed * part;
-            d_share += d_mixed * (part / mixture.share - (1.0 - part) / (1.0 - mixture.share));
+            d_mixture_weight +=
+                d_mixed * (part / mixture.mixture_weight - (1.0 - part) / (1.0 - mixture.mixture_weight));
         }
-        out.d_share = d_share * mixture.d_logit;
+        out.d_mixture_weight_logit = d_mixture_weight * mixture.d_logit;
         Some(loss)
     }
 
     /// Returns the sum of the losses of lit conditions from `first` on. Of the derivatives, `d_log_q` is
-    /// overwritten, `d_shares` only for lit conditions.
+    /// overwritten, `d_mixture_weight_logits` only for lit conditions.
     ///
-    /// `log_q` has the log-densities of all their points; `shares` are logits, or empty without learned
-    /// mixture weight.
+    /// `log_q` has the log-densities of all their points; `mixture_weight_logits` is empty without learned mixture
+    /// weight.
     pub fn evaluate_conditions(
         &self,
         batch: &Batch,
         first: usize,
         log_q: &[f32],
-        shares: &[f32],
+        mixture_weight_logits: &[f32],
         d_log_q: &mut [f32],
-        d_shares: &mut [f32],
+        d_mixture_weight_logits: &mut [f32],
     ) -> f32 {
         let mut sum = 0.0;
         let rows = d_log_q.chunks_exact_mut(batch.samples).zip(log_q.chunks_exact(batch.samples));
         for (index, (d_log_q, log_q)) in rows.enumerate() {
             d_log_q.fill(0.0);
-            let mut out = LossDerivatives { d_log_q, d_share: 0.0 };
-            let (points, share) = (batch.condition(first + index), shares.get(index).copied());
-            let Some(loss) = self.evaluate(&points, log_q, share, &mut out) else { continue };
+            let mut out = LossDerivatives { d_log_q, d_mixture_weight_logit: 0.0 };
+            let (points, logit) = (batch.condition(first + index), mixture_weight_logits.get(index).copied());
+            let Some(loss) = self.evaluate(&points, log_q, logit, &mut out) else { continue };
             sum += loss;
-            if let Some(d_share) = d_shares.get_mut(index) {
-                *d_share = out.d_share;
+            if let Some(d_mixture_weight_logit) = d_mixture_weight_logits.get_mut(index) {
+                *d_mixture_weight_logit = out.d_mixture_weight_logit;
             }
         }
         sum
@@ -265,27 +266,30 @@ fn reverse_kl(target: &NormalizedTarget, weights: &[f32], log_q: &[f32], derivat
 
 /// The mixture `q_mix = p q + (1 - p) b`, where `p` is the mixture weight.
 struct Mixture {
-    share: f32,
+    mixture_weight: f32,
     /// Derivative of the mixture weight with respect to its logit.
     d_logit: f32,
 }
 
 impl Mixture {
     fn new(logit: f32) -> Self {
-        let share = share_of_logit(logit);
-        let floor = SHARE_FLOOR;
-        Self { share, d_logit: (share - floor) * (1.0 - floor - share) / (1.0 - 2.0 * floor) }
+        let mixture_weight = mixture_weight_of_logit(logit);
+        let floor = MIXTURE_WEIGHT_FLOOR;
+        Self {
+            mixture_weight,
+            d_logit: (mixture_weight - floor) * (1.0 - floor - mixture_weight) / (1.0 - 2.0 * floor),
+        }
     }
 
     /// Returns `ln q_mix`.
     fn log(&self, log_q: f32, b: f32) -> f32 {
-        let (head, brdf) = (self.share.ln() + log_q, (1.0 - self.share).ln() + b.ln());
+        let (head, brdf) = (self.mixture_weight.ln() + log_q, (1.0 - self.mixture_weight).ln() + b.ln());
         let largest = head.max(brdf);
         largest + ((head - largest).exp() + (brdf - largest).exp()).ln()
     }
 
     /// Returns the head's part of `q_mix`, `p q / q_mix`.
     fn head_part(&self, log_q: f32, log_mixed: f32) -> f32 {
-        (self.share.ln() + log_q - log_mixed).exp().min(1.0)
+        (self.mixture_weight.ln() + log_q - log_mixed).exp().min(1.0)
     }
 }

@@ -11,7 +11,7 @@ const TAILS: [f32; 6] = [0.5, 1.0, 3.0, 0.1, 1.0, 0.0];
 const LOG_Q: [f32; 6] = [0.3, -0.2, 0.8, -1.0, 0.1, 0.4];
 
 const POINTS: ConditionPoints<'static> =
-    ConditionPoints { densities: &DENSITIES, weights: &WEIGHTS, brdf: &BRDF, tails: &TAILS, share_logit: 0.7 };
+    ConditionPoints { densities: &DENSITIES, weights: &WEIGHTS, brdf: &BRDF, tails: &TAILS, mixture_weight_logit: 0.7 };
 const UNIFORM: ConditionPoints<'static> = ConditionPoints { weights: &[1.0; 6], ..POINTS };
 
 fn objectives() -> Vec<Objective> {
@@ -26,10 +26,10 @@ fn evaluate(
     logit: Option<f32>,
 ) -> (f32, Vec<f32>, f32) {
     let mut d_log_q = vec![f32::NAN; log_q.len()];
-    let mut out = LossDerivatives { d_log_q: &mut d_log_q, d_share: f32::NAN };
+    let mut out = LossDerivatives { d_log_q: &mut d_log_q, d_mixture_weight_logit: f32::NAN };
     let loss = objective.evaluate(points, log_q, logit, &mut out).unwrap();
-    let d_share = out.d_share;
-    (loss, d_log_q, d_share)
+    let d_mixture_weight_logit = out.d_mixture_weight_logit;
+    (loss, d_log_q, d_mixture_weight_logit)
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
     let mixed: Vec<f32> = LOG_Q.iter().zip(BRDF).map(|(log_q, b)| (0.5 * log_q.exp() + 0.5 * b).ln()).collect();
     for objective in objectives() {
         let (expected, ..) = evaluate(objective, &POINTS, &mixed, None);
-        let (found, ..) = evaluate(objective, &POINTS, &LOG_Q, Some(-POINTS.share_logit));
+        let (found, ..) = evaluate(objective, &POINTS, &LOG_Q, Some(-POINTS.mixture_weight_logit));
         assert!((expected - found).abs() < 1e-5, "{objective:?}: {expected} {found}");
     }
 }
@@ -80,7 +80,7 @@ fn a_mixture_with_brdf_sampling_has_the_loss_of_its_density() {
 fn derivatives_match_central_differences() {
     for objective in objectives() {
         for logit in [None, Some(-0.7), Some(1.3)] {
-            let (_, d_log_q, d_share) = evaluate(objective, &POINTS, &LOG_Q, logit);
+            let (_, d_log_q, d_mixture_weight_logit) = evaluate(objective, &POINTS, &LOG_Q, logit);
             // f32 differences over 0.04: rounding 4e-7 / 0.04, truncation 0.02^2 / 6 times a third derivative
             // of up to 4.
             let close = |found: f32, high: f32, low: f32, what: &str| {
@@ -97,10 +97,10 @@ fn derivatives_match_central_differences() {
             }
             if let Some(logit) = logit {
                 let at = |step: f32| evaluate(objective, &POINTS, &LOG_Q, Some(logit + step)).0;
-                close(d_share, at(0.02), at(-0.02), "share");
-                assert!(d_share.abs() > 1e-3, "{d_share} tests nothing");
+                close(d_mixture_weight_logit, at(0.02), at(-0.02), "mixture weight");
+                assert!(d_mixture_weight_logit.abs() > 1e-3, "{d_mixture_weight_logit} tests nothing");
             } else {
-                assert_eq!(d_share, 0.0);
+                assert_eq!(d_mixture_weight_logit, 0.0);
             }
         }
     }
@@ -111,7 +111,7 @@ fn a_condition_without_light_has_no_loss() {
     let dark = ConditionPoints { densities: &[0.0; 6], ..POINTS };
     let lost = ConditionPoints { weights: &[0.0; 6], ..POINTS };
     for points in [dark, lost] {
-        let mut out = LossDerivatives { d_log_q: &mut [0.0; 6], d_share: 0.0 };
+        let mut out = LossDerivatives { d_log_q: &mut [0.0; 6], d_mixture_weight_logit: 0.0 };
         assert!(Objective::from(Loss::ForwardKl).evaluate(&points, &LOG_Q, None, &mut out).is_none());
     }
 }
@@ -121,9 +121,9 @@ fn huge_log_densities_do_not_overflow() {
     for objective in objectives() {
         for logit in [None, Some(50.0)] {
             let extreme = [-300.0, -200.0, 50.0, 3.0, 1.0, 100.0];
-            let (loss, d_log_q, d_share) = evaluate(objective, &POINTS, &extreme, logit);
+            let (loss, d_log_q, d_mixture_weight_logit) = evaluate(objective, &POINTS, &extreme, logit);
             assert!(loss.is_finite() && d_log_q.iter().all(|d| d.is_finite()), "{objective:?} {logit:?}");
-            assert!(d_share.is_finite(), "{objective:?} {logit:?}");
+            assert!(d_mixture_weight_logit.is_finite(), "{objective:?} {logit:?}");
         }
     }
 }

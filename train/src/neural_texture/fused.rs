@@ -82,7 +82,7 @@ impl FusedGradient {
             part.error = 0.0;
             part.gradient.clear();
             part.gradient.resize(length, 0.0);
-            simd::dispatch(Work { part, side, layers, weights, samples, weighting: &weighting, range });
+            simd::dispatch(StepPart { part, side, layers, weights, samples, weighting: &weighting, range });
         });
         let mut gradient = vec![0.0; length];
         for part in &self.parts {
@@ -93,7 +93,7 @@ impl FusedGradient {
 }
 
 /// One part of a step.
-struct Work<'a> {
+struct StepPart<'a> {
     part: &'a mut Part,
     side: usize,
     layers: &'a [Vec<Layer>; 3],
@@ -103,7 +103,7 @@ struct Work<'a> {
     range: Range<usize>,
 }
 
-impl Vectorized for Work<'_> {
+impl Vectorized for StepPart<'_> {
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
         let Self { part, side, layers, weights, samples, weighting, range } = self;
@@ -244,7 +244,7 @@ fn slope_of_lookup(job: &Job<'_>, taps: &[(usize, f32); 8], uv: Vec2, level: f32
     let below = (level.max(0.0) as u32).min(coarsest);
     let between = level.clamp(0.0, coarsest as f32) - below as f32;
     let mut sum = Vec2::ZERO;
-    for (k, share) in [(0, 1.0 - between), (1, between)] {
+    for (k, level_weight) in [(0, 1.0 - between), (1, between)] {
         let side = (job.side >> (below + k as u32).min(coarsest)) as f32;
         // The same operations as in the lookup, so that both find the same texel.
         let inside = |x: f32| {
@@ -255,7 +255,7 @@ fn slope_of_lookup(job: &Job<'_>, taps: &[(usize, f32); 8], uv: Vec2, level: f32
         let [a, b, c, e] = [0, 1, 2, 3].map(|tap| dot(taps[4 * k + tap]));
         let along_u = (1.0 - t) * (b - a) + t * (e - c);
         let along_v = (1.0 - s) * (c - a) + s * (e - b);
-        sum += share * side * Vec2::new(along_u, along_v);
+        sum += level_weight * side * Vec2::new(along_u, along_v);
     }
     sum
 }
@@ -320,31 +320,31 @@ fn likelihood(raw: &[f32; 7], wo: Vec3, wi: Vec3) -> [f32; 7] {
     let slopes = Vec2::new(-h.x, -h.y) / h.z;
     let jacobian = h.dot(h) / (2.0 * h.z * h.z * h.z);
     let cosine = FRAC_1_PI * wi.z;
-    let [share, x, y, shift_x, shift_y, round_share, round] = raw.map(sigmoid);
+    let [lobe_weight, x, y, shift_x, shift_y, round_weight, round] = raw.map(sigmoid);
     let slope_of = |half: f32| half * (1.0 - half);
-    let mixed = |share: f32, widths: Vec2, middle: Vec2| {
+    let mixed = |lobe_weight: f32, widths: Vec2, middle: Vec2| {
         let widths = Vec2::splat(WIDTHS[0]) + WIDTHS[1] * widths;
-        let share = LOBE_FLOOR + (1.0 - LOBE_FLOOR - COSINE_FLOOR) * share;
+        let lobe_weight = LOBE_FLOOR + (1.0 - LOBE_FLOOR - COSINE_FLOOR) * lobe_weight;
         let apart = (slopes - middle) / widths;
         let q = 1.0 + apart.dot(apart);
         let lobe = FRAC_1_PI * jacobian / (q * q * widths.x * widths.y);
-        let density = share * lobe + (1.0 - share) * cosine;
+        let density = lobe_weight * lobe + (1.0 - lobe_weight) * cosine;
         // Derivatives of the logarithm with respect to mixture weight, widths and centre.
-        let of_lobe = share * lobe / density;
+        let of_lobe = lobe_weight * lobe / density;
         let by_widths = of_lobe * (4.0 * apart * apart / q - Vec2::ONE) / widths;
         ((lobe - cosine) / density, by_widths, of_lobe * 4.0 * apart / (q * widths))
     };
-    let of_share = 1.0 - LOBE_FLOOR - COSINE_FLOOR;
+    let of_weight = 1.0 - LOBE_FLOOR - COSINE_FLOOR;
     let middle = FARTHEST * Vec2::new(2.0 * shift_x - 1.0, 2.0 * shift_y - 1.0);
-    let (by_share, by_widths, by_middle) = mixed(share, Vec2::new(x, y), middle);
-    let (by_round_share, by_round, _) = mixed(round_share, Vec2::splat(round), Vec2::ZERO);
+    let (by_weight, by_widths, by_middle) = mixed(lobe_weight, Vec2::new(x, y), middle);
+    let (by_round_weight, by_round, _) = mixed(round_weight, Vec2::splat(round), Vec2::ZERO);
     [
-        by_share * of_share * slope_of(share),
+        by_weight * of_weight * slope_of(lobe_weight),
         by_widths.x * WIDTHS[1] * slope_of(x),
         by_widths.y * WIDTHS[1] * slope_of(y),
         by_middle.x * FARTHEST * 2.0 * slope_of(shift_x),
         by_middle.y * FARTHEST * 2.0 * slope_of(shift_y),
-        by_round_share * of_share * slope_of(round_share),
+        by_round_weight * of_weight * slope_of(round_weight),
         (by_round.x + by_round.y) * WIDTHS[1] * slope_of(round),
     ]
 }

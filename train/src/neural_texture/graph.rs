@@ -62,9 +62,9 @@ impl Layout {
         let weighting = Weighting::new(samples);
         let of = |value: &[f32; 3]| [weighting.of(Vec3::from_array(*value)); 3];
         let known = values.clone().detach().try_into_vec_as::<f32>().expect("values are readable");
-        let shares: Vec<f32> = known.as_chunks().0.iter().flat_map(of).collect();
-        let shares = Tensor::<2>::from_data(TensorData::new(shares, [samples.len(), 3]), device);
-        let error = ((values - truth).powi_scalar(2) * shares).sum();
+        let sample_weights: Vec<f32> = known.as_chunks().0.iter().flat_map(of).collect();
+        let sample_weights = Tensor::<2>::from_data(TensorData::new(sample_weights, [samples.len(), 3]), device);
+        let error = ((values - truth).powi_scalar(2) * sample_weights).sum();
 
         let likelihood = directions.likelihood(&tensors, features.detach(), samples, device);
         let loss = error.clone() - likelihood;
@@ -118,22 +118,22 @@ impl Layout {
             let coarsest = self.side().ilog2();
             let below = (level.max(0.0) as u32).min(coarsest);
             let between = level.clamp(0.0, coarsest as f32) - below as f32;
-            for (k, (sides, starts, shares)) in of_levels.iter_mut().enumerate() {
+            for (k, (sides, starts, level_weights)) in of_levels.iter_mut().enumerate() {
                 let side = (self.side() >> (below + k as u32).min(coarsest)) as f32;
                 sides.push(side);
                 // The same operations as in the renderer, so that both find the same texel.
                 starts.extend(uv.map(|x| x.floor() * side + ((x - x.floor()) * side - 0.5).floor() + 0.5));
-                shares.push(if k == 0 { 1.0 - between } else { between });
+                level_weights.push(if k == 0 { 1.0 - between } else { between });
             }
         }
         let column =
             |values: Vec<f32>, width: usize| Tensor::<2>::from_data(TensorData::new(values, [count, width]), device);
         let mut weights = Vec::new();
-        for (sides, starts, shares) in of_levels {
+        for (sides, starts, level_weights) in of_levels {
             let inside = places.clone() * column(sides, 1) - column(starts, 2);
             let (s, t) = (inside.clone().narrow(1, 0, 1), inside.narrow(1, 1, 1));
-            let share = column(shares, 1);
-            let (left, right) = (s.clone().neg().add_scalar(1.0) * share.clone(), s * share);
+            let level_weight = column(level_weights, 1);
+            let (left, right) = (s.clone().neg().add_scalar(1.0) * level_weight.clone(), s * level_weight);
             let (top, bottom) = (t.clone().neg().add_scalar(1.0), t);
             weights.extend([left.clone() * top.clone(), right.clone() * top, left * bottom.clone(), right * bottom]);
         }
@@ -203,12 +203,12 @@ impl Directions {
     fn likelihood(&self, tensors: &Tensors, features: Tensor<2>, samples: &Samples, device: &Device) -> Tensor<1> {
         let raw = network(&tensors.networks[2], Tensor::cat(vec![features, self.views.clone()], 1));
         let column = |k: usize, count: usize| raw.clone().narrow(1, k, count);
-        let share = |k| sigmoid(column(k, 1)).mul_scalar(1.0 - LOBE_FLOOR - COSINE_FLOOR).add_scalar(LOBE_FLOOR);
+        let lobe_weight = |k| sigmoid(column(k, 1)).mul_scalar(1.0 - LOBE_FLOOR - COSINE_FLOOR).add_scalar(LOBE_FLOOR);
         let width = |k, count| sigmoid(column(k, count)).mul_scalar(WIDTHS[1]).add_scalar(WIDTHS[0]);
         let shift = sigmoid(column(3, 2)).mul_scalar(2.0).sub_scalar(1.0).mul_scalar(FARTHEST);
-        let moved = self.log_density(share(0), width(1, 2), self.slopes.clone() - shift);
+        let moved = self.log_density(lobe_weight(0), width(1, 2), self.slopes.clone() - shift);
         let round = width(6, 1);
-        let round = self.log_density(share(5), Tensor::cat(vec![round.clone(), round], 1), self.slopes.clone());
+        let round = self.log_density(lobe_weight(5), Tensor::cat(vec![round.clone(), round], 1), self.slopes.clone());
 
         let weights = Weighting::new(samples).likelihood;
         let weights = Tensor::<2>::from_data(TensorData::new(weights, [samples.len(), 1]), device);
@@ -216,12 +216,12 @@ impl Directions {
     }
 
     /// Returns a mixture's log-density for slopes relative to the centre of its lobe.
-    fn log_density(&self, share: Tensor<2>, widths: Tensor<2>, slopes: Tensor<2>) -> Tensor<2> {
+    fn log_density(&self, lobe_weight: Tensor<2>, widths: Tensor<2>, slopes: Tensor<2>) -> Tensor<2> {
         let q = (slopes / widths.clone()).powi_scalar(2).sum_dim(1).add_scalar(1.0);
         let area = widths.clone().narrow(1, 0, 1) * widths.narrow(1, 1, 1);
         let lobe = self.jacobian.clone() * (q.powi_scalar(2) * area).recip().mul_scalar(FRAC_1_PI);
         let cosine = self.cos_i.clone().mul_scalar(FRAC_1_PI);
-        (share.clone() * lobe + (share.neg().add_scalar(1.0)) * cosine).log()
+        (lobe_weight.clone() * lobe + (lobe_weight.neg().add_scalar(1.0)) * cosine).log()
     }
 }
 

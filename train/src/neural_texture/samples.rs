@@ -15,10 +15,10 @@ use super::Settings;
 
 /// Probabilities that a direction is uniform in the projected disk, or mirrored about a slope of [`SLOPES`];
 /// otherwise it is uniform over the hemisphere. Directions to the viewer are not mirrored.
-const DISK_SHARE: f32 = 0.5;
-const MIRROR_SHARE: f32 = 0.25;
+const DISK_PROBABILITY: f32 = 0.5;
+const MIRROR_PROBABILITY: f32 = 0.25;
 /// Slopes of half vectors of mirrored directions.
-const SLOPES: Mixture = Mixture { share: 1.0, widths: Vec2::splat(0.35), shift: Vec2::ZERO };
+const SLOPES: Mixture = Mixture { lobe_weight: 1.0, widths: Vec2::splat(0.35), shift: Vec2::ZERO };
 
 /// Queries with estimates of their answers.
 #[derive(Clone, Debug, Default)]
@@ -54,7 +54,7 @@ impl Samples {
             let wi = light(wo, random);
             samples.queries.push(Query { uv: random.uniform2(), width, wo, wi });
             samples.levels.push(level);
-            samples.densities.push((1.0 - MIRROR_SHARE) * density(wi) + MIRROR_SHARE * SLOPES.pdf(wo, wi));
+            samples.densities.push((1.0 - MIRROR_PROBABILITY) * density(wi) + MIRROR_PROBABILITY * SLOPES.pdf(wo, wi));
         }
         samples
     }
@@ -77,7 +77,7 @@ impl Samples {
 
 /// Draws a direction above [`MIN_COSINE`].
 fn direction(random: &mut Stream) -> Vec3 {
-    let (u, disk) = (random.uniform2(), random.uniform() < DISK_SHARE);
+    let (u, disk) = (random.uniform2(), random.uniform() < DISK_PROBABILITY);
     let squared = 1.0 - u.x * (1.0 - MIN_COSINE * MIN_COSINE);
     let z = if disk { squared.sqrt() } else { MIN_COSINE + (1.0 - MIN_COSINE) * u.x };
     ((1.0 - z * z).max(0.0).sqrt() * Vec2::from_angle(TAU * u.y)).extend(z)
@@ -86,7 +86,7 @@ fn direction(random: &mut Stream) -> Vec3 {
 /// Draws a direction to the light. Mirrored directions below [`MIN_COSINE`] are drawn again, from all kinds.
 fn light(wo: Vec3, random: &mut Stream) -> Vec3 {
     loop {
-        if random.uniform() >= MIRROR_SHARE {
+        if random.uniform() >= MIRROR_PROBABILITY {
             return direction(random);
         }
         let wi = SLOPES.mirrored(wo, random.uniform2());
@@ -100,7 +100,7 @@ fn light(wo: Vec3, random: &mut Stream) -> Vec3 {
 fn density(w: Vec3) -> f32 {
     let disk = w.z / (PI * (1.0 - MIN_COSINE * MIN_COSINE));
     let hemisphere = 1.0 / (TAU * (1.0 - MIN_COSINE));
-    DISK_SHARE * disk + (1.0 - DISK_SHARE) * hemisphere
+    DISK_PROBABILITY * disk + (1.0 - DISK_PROBABILITY) * hemisphere
 }
 
 /// Difference between a material and its source, in dB.

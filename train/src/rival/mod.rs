@@ -131,9 +131,9 @@ fn gradient(
     let mut d_weight = vec![0.0; weights.len()];
     let mut loss = 0.0;
     for (part, shard) in parts.iter().zip(&shards) {
-        let share = shard.views() as f32 / views as f32;
-        loss += share * part.0;
-        d_weight.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += share * g);
+        let fraction = shard.views() as f32 / views as f32;
+        loss += fraction * part.0;
+        d_weight.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += fraction * g);
     }
     Ok(StepGradient { loss, d_weight })
 }

@@ -12,7 +12,7 @@ use headtail_render::{
     head::Linear,
     random::{Purpose, Stream},
     rival::{
-        BINS, COORDINATE, LARGEST_LOG_SCALE, LARGEST_SHIFT, LEAKY_SLOPE, LEAST_COSINE_SHARE, LEAST_WIDTH, LOG_WIDTH,
+        BINS, COORDINATE, LARGEST_LOG_SCALE, LARGEST_SHIFT, LEAKY_SLOPE, LEAST_COSINE_WEIGHT, LEAST_WIDTH, LOG_WIDTH,
         OCTAVES_OF_COORDINATE, OCTAVES_OF_VIEW, Rival, RivalKind, SPLINE_OUTPUTS, Traced, VIEW_CONDITION, WIDTH_RANGE,
     },
 };
@@ -186,16 +186,16 @@ fn log_density(networks: &[Layers], kind: RivalKind, batch: &Columns<'_>) -> Ten
 fn log_lobes(layers: &Layers, batch: &Columns<'_>) -> Tensor<2> {
     let raw = network(layers, batch.conditions());
     let column = |k: usize| raw.clone().narrow(1, k, 1);
-    let shares = softmax(raw.clone().narrow(1, 0, 3), 1).mul_scalar(1.0 - LEAST_COSINE_SHARE);
+    let lobe_weights = softmax(raw.clone().narrow(1, 0, 3), 1).mul_scalar(1.0 - LEAST_COSINE_WEIGHT);
     let place = [0, 1].map(|axis| batch.each(|_, k| batch.points.wi[k][axis]));
-    let cosine = shares.clone().narrow(1, 0, 1).add_scalar(LEAST_COSINE_SHARE).mul_scalar(FRAC_1_PI);
+    let cosine = lobe_weights.clone().narrow(1, 0, 1).add_scalar(LEAST_COSINE_WEIGHT).mul_scalar(FRAC_1_PI);
     let mut density = batch.each(|_, _| 0.0) + cosine;
     for gaussian in 0..2 {
         let width =
             |axis: usize| sigmoid(column(5 + 4 * gaussian + axis)).mul_scalar(WIDTH_RANGE).add_scalar(LEAST_WIDTH);
         let from_middle = |axis: usize| (place[axis].clone() - column(3 + 4 * gaussian + axis)) / width(axis);
         let squared = from_middle(0).powi_scalar(2) + from_middle(1).powi_scalar(2);
-        let scale = shares.clone().narrow(1, 1 + gaussian, 1) / (width(0) * width(1)).mul_scalar(TAU);
+        let scale = lobe_weights.clone().narrow(1, 1 + gaussian, 1) / (width(0) * width(1)).mul_scalar(TAU);
         density = density + squared.mul_scalar(-0.5).exp() * scale;
     }
     density.log()
@@ -305,7 +305,7 @@ fn implicit(layers: &Layers, batch: &Columns<'_>, traced: &[Traced]) -> (Tensor<
     };
     let ((sx, [xx, xy]), (sy, [yx, yy])) = (row(0), row(1));
     let determinant = (xx * yy - xy * yx).abs().clamp_min(1e-12).log();
-    let weight = column(&|k| points.weights[k] * traced[k].share / points.views() as f32);
+    let weight = column(&|k| points.weights[k] * traced[k].fraction / points.views() as f32);
     let pulled = sx * column(&|k| traced[k].pull[0]) + sy * column(&|k| traced[k].pull[1]);
     let rest = |k: usize| PI.ln() - 4.0 * inverse(k).ln() + 3.0 * points.wi[k][2].ln();
     let value = ((determinant.clone() + column(&rest)) * weight.clone()).sum().into_scalar::<f32>();

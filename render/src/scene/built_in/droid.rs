@@ -36,12 +36,12 @@ pub fn model() -> Model {
         glass: model.gloss([0.02, 0.03, 0.04], 0.0, 0.45),
     };
     model.add(floor, mapped(block([-9.0, 9.0], [-0.1, 0.0], [-9.0, 9.0]), 3.0));
-    walker(&mut model, paints, Place { turn: 28.0, at: Vec3::new(-0.42, 0.0, -0.10) });
+    walker(&mut model, paints, DroidPose { turn: 28.0, at: Vec3::new(-0.42, 0.0, -0.10) });
     let brass = model.worn([0.78, 0.58, 0.26], 1.0, [0.45, 0.70]);
     roller(
         &mut model,
         Paints { shell: paints.steel, trim: brass, ..paints },
-        Place { turn: 5.0, at: Vec3::new(0.62, 0.0, 0.38) },
+        DroidPose { turn: 5.0, at: Vec3::new(0.62, 0.0, 0.38) },
     );
     crates(&mut model, paints);
     model
@@ -49,12 +49,12 @@ pub fn model() -> Model {
 
 /// Position of a droid, and its rotation in degrees.
 #[derive(Clone, Copy)]
-struct Place {
+struct DroidPose {
     turn: f32,
     at: Vec3,
 }
 
-impl Place {
+impl DroidPose {
     fn put(self, model: &mut Model, paint: Paint, part: Mesh) {
         let turn = Quat::from_rotation_y(self.turn.to_radians());
         model.add(paint, mapped(part.transformed(&Affine3A::from_rotation_translation(turn, self.at)), WEAR));
@@ -72,7 +72,7 @@ fn lying(part: Mesh) -> Mesh {
 }
 
 /// A droid of 1.35 m on two legs.
-fn walker(model: &mut Model, paints: Paints, place: Place) {
+fn walker(model: &mut Model, paints: Paints, pose: DroidPose) {
     let torso = [
         curve([[0.0, 0.60], [0.12, 0.605], [0.17, 0.63]], 4),
         curve([[0.17, 0.63], [0.225, 0.72], [0.25, 0.84], [0.245, 0.94], [0.20, 1.02]], 6),
@@ -80,19 +80,19 @@ fn walker(model: &mut Model, paints: Paints, place: Place) {
     ];
     let belt = [curve([[0.21, 0.655], [0.245, 0.67], [0.245, 0.70], [0.215, 0.715]], 4)];
     let collar = [curve([[0.17, 1.015], [0.20, 1.03], [0.19, 1.06], [0.14, 1.075]], 4)];
-    place.put(model, paints.shell, lathe(&torso, 72));
-    place.put(model, paints.trim, lathe(&belt, 72));
-    place.put(model, paints.steel, lathe(&collar, 64));
-    place.put(model, paints.steel, bar(Vec3::new(0.0, 1.03, 0.0), Vec3::new(0.0, 1.13, 0.0), 0.06, 32));
-    head(model, paints, place);
+    pose.put(model, paints.shell, lathe(&torso, 72));
+    pose.put(model, paints.trim, lathe(&belt, 72));
+    pose.put(model, paints.steel, lathe(&collar, 64));
+    pose.put(model, paints.steel, bar(Vec3::new(0.0, 1.03, 0.0), Vec3::new(0.0, 1.13, 0.0), 0.06, 32));
+    head(model, paints, pose);
 
     // A plate on the chest, with lamps and a row of slots.
-    place.put(model, paints.trim, moved(cushion(Vec3::new(0.11, 0.075, 0.03), 6.0, 48), 0.0, 0.88, 0.232));
+    pose.put(model, paints.trim, moved(cushion(Vec3::new(0.11, 0.075, 0.03), 6.0, 48), 0.0, 0.88, 0.232));
     for (x, radius) in [(-0.055, 0.022), (0.0, 0.015), (0.042, 0.015)] {
-        place.put(model, paints.glass, moved(ball(radius, 24), x, 0.90, 0.258));
+        pose.put(model, paints.glass, moved(ball(radius, 24), x, 0.90, 0.258));
     }
     for k in 0..4 {
-        place.put(
+        pose.put(
             model,
             paints.rubber,
             moved(
@@ -104,47 +104,47 @@ fn walker(model: &mut Model, paints: Paints, place: Place) {
         );
     }
     for side in [-1.0, 1.0] {
-        arm(model, paints, place, side);
-        leg(model, paints, place, side);
+        arm(model, paints, pose, side);
+        leg(model, paints, pose, side);
     }
 }
 
 /// A wide head with two eyes and an antenna.
-fn head(model: &mut Model, paints: Paints, place: Place) {
-    place.put(model, paints.shell, moved(cushion(Vec3::new(0.19, 0.115, 0.135), 3.2, 72), 0.0, 1.235, 0.0));
-    place.put(model, paints.rubber, moved(cushion(Vec3::new(0.155, 0.066, 0.03), 4.5, 48), 0.0, 1.24, 0.115));
+fn head(model: &mut Model, paints: Paints, pose: DroidPose) {
+    pose.put(model, paints.shell, moved(cushion(Vec3::new(0.19, 0.115, 0.135), 3.2, 72), 0.0, 1.235, 0.0));
+    pose.put(model, paints.rubber, moved(cushion(Vec3::new(0.155, 0.066, 0.03), 4.5, 48), 0.0, 1.24, 0.115));
     for side in [-1.0, 1.0] {
         let ring = lathe(&[curve([[0.036, -0.01], [0.048, 0.0], [0.048, 0.02], [0.036, 0.028], [0.030, 0.02]], 4)], 40);
         let forward = ring.transformed(&Affine3A::from_quat(Quat::from_rotation_x(0.5 * PI)));
-        place.put(model, paints.steel, moved(forward, 0.075 * side, 1.245, 0.132));
-        place.put(model, paints.glass, moved(ball(0.034, 32), 0.075 * side, 1.245, 0.132));
+        pose.put(model, paints.steel, moved(forward, 0.075 * side, 1.245, 0.132));
+        pose.put(model, paints.glass, moved(ball(0.034, 32), 0.075 * side, 1.245, 0.132));
         let ear = lathe(
             &[line([0.0, 0.0], [0.05, 0.0]), line([0.05, 0.0], [0.05, 0.022]), line([0.05, 0.022], [0.0, 0.03])],
             32,
         );
         let ear =
             lying(ear).transformed(&Affine3A::from_quat(Quat::from_rotation_y(if side < 0.0 { PI } else { 0.0 })));
-        place.put(model, paints.trim, moved(ear, 0.18 * side, 1.235, 0.0));
+        pose.put(model, paints.trim, moved(ear, 0.18 * side, 1.235, 0.0));
     }
-    place.put(model, paints.steel, bar(Vec3::new(-0.10, 1.33, -0.03), Vec3::new(-0.13, 1.53, -0.06), 0.006, 12));
-    place.put(model, paints.trim, moved(ball(0.017, 20), -0.13, 1.535, -0.06));
+    pose.put(model, paints.steel, bar(Vec3::new(-0.10, 1.33, -0.03), Vec3::new(-0.13, 1.53, -0.06), 0.006, 12));
+    pose.put(model, paints.trim, moved(ball(0.017, 20), -0.13, 1.535, -0.06));
 }
 
 /// An arm of two bars with a claw; the droid's right arm is raised.
-fn arm(model: &mut Model, paints: Paints, place: Place, side: f32) {
+fn arm(model: &mut Model, paints: Paints, pose: DroidPose, side: f32) {
     let shoulder = Vec3::new(0.285 * side, 0.955, 0.0);
     let (elbow, wrist) = if side < 0.0 {
         (Vec3::new(-0.47, 0.80, 0.05), Vec3::new(-0.54, 1.00, 0.22))
     } else {
         (Vec3::new(0.40, 0.735, -0.02), Vec3::new(0.40, 0.545, 0.14))
     };
-    place.put(model, paints.steel, bar(Vec3::new(0.2 * side, 0.955, 0.0), shoulder, 0.045, 24));
-    place.put(model, paints.trim, moved(ball(0.078, 40), shoulder.x, shoulder.y, shoulder.z));
-    place.put(model, paints.steel, bar(shoulder, elbow, 0.032, 24));
-    place.put(model, paints.shell, moved(ball(0.052, 36), elbow.x, elbow.y, elbow.z));
-    place.put(model, paints.shell, bar(elbow, elbow.lerp(wrist, 0.75), 0.045, 28));
-    place.put(model, paints.steel, bar(elbow.lerp(wrist, 0.7), wrist, 0.028, 24));
-    place.put(model, paints.rubber, moved(ball(0.04, 28), wrist.x, wrist.y, wrist.z));
+    pose.put(model, paints.steel, bar(Vec3::new(0.2 * side, 0.955, 0.0), shoulder, 0.045, 24));
+    pose.put(model, paints.trim, moved(ball(0.078, 40), shoulder.x, shoulder.y, shoulder.z));
+    pose.put(model, paints.steel, bar(shoulder, elbow, 0.032, 24));
+    pose.put(model, paints.shell, moved(ball(0.052, 36), elbow.x, elbow.y, elbow.z));
+    pose.put(model, paints.shell, bar(elbow, elbow.lerp(wrist, 0.75), 0.045, 28));
+    pose.put(model, paints.steel, bar(elbow.lerp(wrist, 0.7), wrist, 0.028, 24));
+    pose.put(model, paints.rubber, moved(ball(0.04, 28), wrist.x, wrist.y, wrist.z));
     let along = (wrist - elbow).normalize();
     let across = along.cross(Vec3::Y).normalize();
     for k in 0..3 {
@@ -155,25 +155,25 @@ fn arm(model: &mut Model, paints: Paints, place: Place, side: f32) {
             wrist + 0.10 * along + 0.040 * out,
             wrist + 0.125 * along + 0.012 * out,
         ];
-        place.put(model, paints.steel, tube(&path, &[0.013, 0.013, 0.011, 0.007], 12));
+        pose.put(model, paints.steel, tube(&path, &[0.013, 0.013, 0.011, 0.007], 12));
     }
 }
 
 /// A leg with a round foot.
-fn leg(model: &mut Model, paints: Paints, place: Place, side: f32) {
+fn leg(model: &mut Model, paints: Paints, pose: DroidPose, side: f32) {
     let (hip, knee, ankle) =
         (Vec3::new(0.11 * side, 0.61, 0.0), Vec3::new(0.15 * side, 0.36, 0.05), Vec3::new(0.15 * side, 0.09, 0.0));
-    place.put(model, paints.steel, moved(ball(0.066, 32), hip.x, hip.y, hip.z));
-    place.put(model, paints.steel, bar(hip, knee, 0.036, 24));
-    place.put(model, paints.trim, moved(ball(0.06, 36), knee.x, knee.y, knee.z));
-    place.put(model, paints.shell, bar(knee.lerp(ankle, 0.12), ankle.lerp(knee, 0.15), 0.055, 32));
-    place.put(model, paints.steel, moved(ball(0.042, 28), ankle.x, ankle.y, ankle.z));
-    place.put(
+    pose.put(model, paints.steel, moved(ball(0.066, 32), hip.x, hip.y, hip.z));
+    pose.put(model, paints.steel, bar(hip, knee, 0.036, 24));
+    pose.put(model, paints.trim, moved(ball(0.06, 36), knee.x, knee.y, knee.z));
+    pose.put(model, paints.shell, bar(knee.lerp(ankle, 0.12), ankle.lerp(knee, 0.15), 0.055, 32));
+    pose.put(model, paints.steel, moved(ball(0.042, 28), ankle.x, ankle.y, ankle.z));
+    pose.put(
         model,
         paints.shell,
         moved(cushion(Vec3::new(0.085, 0.045, 0.145), 3.0, 48), ankle.x, 0.052, ankle.z + 0.04),
     );
-    place.put(
+    pose.put(
         model,
         paints.rubber,
         moved(cushion(Vec3::new(0.092, 0.016, 0.152), 5.0, 48), ankle.x, 0.016, ankle.z + 0.04),
@@ -183,34 +183,34 @@ fn leg(model: &mut Model, paints: Paints, place: Place, side: f32) {
         .into_iter()
         .map(|p| Vec3::new(0.13 * side, p.x, p.y))
         .collect();
-    place.put(model, paints.rubber, tube(&path, &vec![0.010; path.len()], 12));
+    pose.put(model, paints.rubber, tube(&path, &vec![0.010; path.len()], 12));
 }
 
 /// A droid that is a ball with a dome on it.
-fn roller(model: &mut Model, paints: Paints, place: Place) {
-    place.put(model, paints.shell, moved(ball(0.25, 96), 0.0, 0.25, 0.0));
+fn roller(model: &mut Model, paints: Paints, pose: DroidPose) {
+    pose.put(model, paints.shell, moved(ball(0.25, 96), 0.0, 0.25, 0.0));
     // Rings around three axes of the ball.
     for (turn, tilt) in [(0.5, 0.35), (2.2, -0.5), (1.2, 1.25)] {
         let ring =
             lathe(&[curve([[0.2465, -0.03], [0.2545, -0.022], [0.2560, 0.0], [0.2545, 0.022], [0.2465, 0.03]], 4)], 96);
         let turned = ring.transformed(&Affine3A::from_quat(Quat::from_rotation_y(turn) * Quat::from_rotation_x(tilt)));
-        place.put(model, paints.trim, moved(turned, 0.0, 0.25, 0.0));
+        pose.put(model, paints.trim, moved(turned, 0.0, 0.25, 0.0));
     }
     let dome = [
         curve([[0.10, 0.475], [0.155, 0.485], [0.165, 0.50]], 4),
         line([0.165, 0.50], [0.165, 0.53]),
         curve([[0.165, 0.53], [0.160, 0.59], [0.125, 0.645], [0.07, 0.675], [0.0, 0.685]], 7),
     ];
-    place.put(model, paints.shell, lathe(&dome, 72));
-    place.put(
+    pose.put(model, paints.shell, lathe(&dome, 72));
+    pose.put(
         model,
         paints.trim,
         lathe(&[curve([[0.164, 0.505], [0.171, 0.51], [0.171, 0.522], [0.164, 0.527]], 3)], 72),
     );
     let eye = Vec3::new(0.03, 0.59, 0.14);
-    place.put(model, paints.rubber, moved(ball(0.048, 36), eye.x, eye.y, eye.z));
-    place.put(model, paints.glass, moved(ball(0.032, 32), eye.x + 0.006, eye.y + 0.004, eye.z + 0.026));
-    place.put(model, paints.steel, bar(Vec3::new(-0.06, 0.66, -0.02), Vec3::new(-0.07, 0.80, -0.03), 0.005, 12));
+    pose.put(model, paints.rubber, moved(ball(0.048, 36), eye.x, eye.y, eye.z));
+    pose.put(model, paints.glass, moved(ball(0.032, 32), eye.x + 0.006, eye.y + 0.004, eye.z + 0.026));
+    pose.put(model, paints.steel, bar(Vec3::new(-0.06, 0.66, -0.02), Vec3::new(-0.07, 0.80, -0.03), 0.005, 12));
 }
 
 /// Crates and a pipe behind the droids.

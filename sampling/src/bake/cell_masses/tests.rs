@@ -137,9 +137,9 @@ fn lanes_do_not_mix() {
         let weights = std::array::from_fn(|corner| std::array::from_fn(|k| 0.1 + ((k * 5 + corner * 3) % 7) as f32));
         let cells: [u32; LANES] = std::array::from_fn(|k| k as u32 % 3);
         let (blends, totals) = masses.blends(&cells, &weights);
-        let share = |k: usize| (k as f32 + 0.5) / LANES as f32;
-        let targets = std::array::from_fn(|k| totals[k] * share(k));
-        let z = std::array::from_fn(|k| share((k * 7) % LANES));
+        let fraction = |k: usize| (k as f32 + 0.5) / LANES as f32;
+        let targets = std::array::from_fn(|k| totals[k] * fraction(k));
+        let z = std::array::from_fn(|k| fraction((k * 7) % LANES));
         let (found_rows, below) = masses.search_rows(&blends, &targets);
         let (found_columns, right, own) = masses.search_columns(&blends, &found_rows, &z);
         for k in 0..LANES {

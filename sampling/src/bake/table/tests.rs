@@ -27,12 +27,12 @@ fn normals(count: usize) -> Vec<Vec3A> {
 #[test]
 fn draws_grow_with_their_uniform_numbers() {
     const STEPS: usize = 4096;
-    let share = |k: usize| k as f32 / STEPS as f32;
+    let fraction = |k: usize| k as f32 / STEPS as f32;
     for (rows, columns) in GRIDS {
         let table = waves(rows, columns);
         for normal in normals(20) {
-            let down: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(0.3, share(k))).collect();
-            let along: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(share(k), 0.7)).collect();
+            let down: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(0.3, fraction(k))).collect();
+            let along: Vec<Vec2> = (0..STEPS).map(|k| Vec2::new(fraction(k), 0.7)).collect();
             let (down, along) = (table.sample_at(normal, &down), table.sample_at(normal, &along));
             assert!(down.windows(2).all(|pair| pair[0].0.y < pair[1].0.y), "{rows}x{columns} {normal}");
             assert!(along.windows(2).all(|pair| pair[0].0.x < pair[1].0.x && pair[0].0.y == pair[1].0.y));

@@ -220,6 +220,6 @@ fn node_weights(quadrature: &Quadrature, values: &[f32], widths: [usize; LOBES])
     let single = (0..WIDTHS)
         .map(|k| (k, quadrature.weights(values, [0, k + 1], [0.0, LEAST_SINGLE], COARSE_STEPS)))
         .min_by(|(_, (_, a)), (_, (_, b))| a.total_cmp(b));
-    let (k, ([_, share], _)) = single.expect("there are widths");
-    (Weights { techniques, single: [share, width(k)] }, moment)
+    let (k, ([_, lobe_weight], _)) = single.expect("there are widths");
+    (Weights { techniques, single: [lobe_weight, width(k)] }, moment)
 }

@@ -221,9 +221,9 @@ vectorized! {
             for lane in 0..LANES {
                 let (node, t) = LobeMixture::place(vector(at.n, strip, lane).dot(vector(at.wo, strip, lane)));
                 let (near, far) = (&mixture.nodes[node as usize].single, &mixture.nodes[node as usize + 1].single);
-                let share = near[0] + t * (far[0] - near[0]);
-                diffuse[strip][lane] = 1.0 - share;
-                specular[strip][lane] = share;
+                let lobe_weight = near[0] + t * (far[0] - near[0]);
+                diffuse[strip][lane] = 1.0 - lobe_weight;
+                specular[strip][lane] = lobe_weight;
                 f0[strip][lane] = 1.0;
                 alpha[strip][lane] = near[1] + t * (far[1] - near[1]);
             }

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 
 use super::{
     FEATURES, LARGEST_LOG, Mixture, NeuralTexture,
-    mixture::{OUTPUTS, share, width},
+    mixture::{OUTPUTS, lobe_weight, width},
     network::WIDEST,
 };
 use crate::{
@@ -166,11 +166,11 @@ vectorized! {
             for lane in 0..LANES {
                 let mixture = mixture_of(&raw, lane);
                 let wo = Vec3::new(surfaces.wo[0][lane], surfaces.wo[1][lane], surfaces.wo[2][lane]);
-                let mirrors = u[0][lane] < mixture.share;
+                let mirrors = u[0][lane] < mixture.lobe_weight;
                 // Stretches the chosen part of the number to the whole interval; a quotient may round
                 // up to 1.
-                let rest = (u[0][lane] - mixture.share) / (1.0 - mixture.share);
-                let first = if mirrors { u[0][lane] / mixture.share } else { rest };
+                let rest = (u[0][lane] - mixture.lobe_weight) / (1.0 - mixture.lobe_weight);
+                let first = if mirrors { u[0][lane] / mixture.lobe_weight } else { rest };
                 let stretched = Vec2::new(if first < BELOW_ONE { first } else { BELOW_ONE }, u[1][lane]);
                 let mirrored = mixture.mirrored(wo, stretched);
                 let (diffuse, _) = Lambert { albedo: Vec3::ONE }.sample(Vec3::Z, Vec3::Z, stretched);
@@ -222,9 +222,9 @@ vectorized! {
         for strip in 0..alpha.len() {
             let raw = Strip::load(at, strip).mixture(simd, material);
             for lane in 0..LANES {
-                let share = share(raw[5][lane]);
-                diffuse[strip][lane] = 1.0 - share;
-                specular[strip][lane] = share;
+                let lobe_weight = lobe_weight(raw[5][lane]);
+                diffuse[strip][lane] = 1.0 - lobe_weight;
+                specular[strip][lane] = lobe_weight;
                 f0[strip][lane] = 1.0;
                 alpha[strip][lane] = width(raw[6][lane]);
             }

@@ -3,7 +3,6 @@
 
 use std::{collections::HashMap, path::Path};
 
-use half::f16;
 use safetensors::{
     SafeTensors,
     tensor::{Dtype, TensorView, serialize},
@@ -13,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{FEATURES, Networks, NeuralTexture, Pyramid};
 use crate::{
     error::{Error, Result},
-    file,
+    file, float16,
     linear::Linear,
     tensor_file,
 };
@@ -112,7 +111,7 @@ impl NeuralTexture {
     /// # Errors
     /// A texel exceeds the range of half precision.
     pub fn rounded(&self) -> Result<Self> {
-        let round = |texel: &[f32; FEATURES]| texel.map(|value| f16::from_f32(value).to_f32());
+        let round = |texel: &[f32; FEATURES]| texel.map(|value| float16::decode(float16::encode(value)));
         let pyramid = Pyramid::new(self.pyramid.side(), self.pyramid.texels().iter().map(round).collect())?;
         let mut rounded = Self { pyramid, ..self.clone() };
         rounded.hash = rounded.content_hash();
@@ -121,7 +120,7 @@ impl NeuralTexture {
 
     fn to_bytes(&self) -> std::result::Result<Vec<u8>, String> {
         let texels = self.pyramid.texels().as_flattened().iter();
-        let texels: Vec<u8> = texels.flat_map(|&value| f16::from_f32(value).to_le_bytes()).collect();
+        let texels: Vec<u8> = texels.flat_map(|&value| float16::encode(value).to_le_bytes()).collect();
         let mut tensors = vec![("texels".to_owned(), Dtype::F16, vec![self.pyramid.texels().len(), FEATURES], texels)];
         let little = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
         for (part, network) in [("shift", &self.shift), ("reflectance", &self.reflectance), ("mixture", &self.mixture)]
@@ -176,7 +175,7 @@ fn texels(path: &Path, tensors: &SafeTensors<'_>) -> Result<Pyramid> {
         return Err(invalid(format!("is {:?} of {count} texels; f16 of a whole pyramid is expected", view.dtype())));
     };
     // The library has checked that the bytes match the shape.
-    let values = view.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]).to_f32());
+    let values = view.data().chunks_exact(2).map(|bytes| float16::decode(u16::from_le_bytes([bytes[0], bytes[1]])));
     let values: Vec<f32> = values.collect();
     Pyramid::new(side, values.as_chunks().0.to_vec()).map_err(|error| error.in_file(path))
 }

@@ -30,7 +30,7 @@ pub const FARTHEST: f32 = 1.0;
 #[derive(Clone, Copy, Debug)]
 pub struct Mixture {
     /// Selection probability of the second lobe.
-    pub share: f32,
+    pub lobe_weight: f32,
     /// Widths of that lobe along u and v.
     pub widths: Vec2,
     /// The slope by which that lobe is shifted.
@@ -42,7 +42,7 @@ impl Mixture {
     #[inline(always)]
     pub fn of(raw: [f32; 5]) -> Self {
         Self {
-            share: share(raw[0]),
+            lobe_weight: lobe_weight(raw[0]),
             widths: Vec2::new(width(raw[1]), width(raw[2])),
             shift: Vec2::new(shift(raw[3]), shift(raw[4])),
         }
@@ -65,7 +65,7 @@ impl Mixture {
     /// The density of the mixture in solid angle; 0 where either direction is below the horizon.
     #[inline(always)]
     pub fn pdf(&self, wo: Vec3, wi: Vec3) -> f32 {
-        let mixed = self.share * self.lobe(wo, wi) + (1.0 - self.share) * FRAC_1_PI * wi.z;
+        let mixed = self.lobe_weight * self.lobe(wo, wi) + (1.0 - self.lobe_weight) * FRAC_1_PI * wi.z;
         if (wi.z > 0.0) & (wo.z > 0.0) { mixed } else { 0.0 }
     }
 
@@ -89,7 +89,7 @@ impl Mixture {
 
 /// The weight of a lobe from its logit.
 #[inline(always)]
-pub(super) fn share(raw: f32) -> f32 {
+pub(super) fn lobe_weight(raw: f32) -> f32 {
     LOBE_FLOOR + (1.0 - LOBE_FLOOR - COSINE_FLOOR) * simd::sigmoid(raw)
 }
 

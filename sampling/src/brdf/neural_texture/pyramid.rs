@@ -67,8 +67,8 @@ impl Pyramid {
         for (k, weight) in [(0, 1.0 - between), (1, between)] {
             let own = (below + k as u32).min(coarsest);
             let first: usize = (0..own).map(|level| (side >> level) * (side >> level)).sum();
-            for (tap, (texel, share)) in taps[4 * k..].iter_mut().zip(bilinear(side >> own, uv)) {
-                *tap = (first + texel, weight * share);
+            for (tap, (texel, fraction)) in taps[4 * k..].iter_mut().zip(bilinear(side >> own, uv)) {
+                *tap = (first + texel, weight * fraction);
             }
         }
         taps

@@ -22,7 +22,7 @@ use crate::{
 };
 
 /// A comparison in progress.
-pub struct Work<'a> {
+pub struct RunningComparison<'a> {
     opened: &'a OpenedView,
     entries: &'a [Entry],
     stop: &'a AtomicBool,
@@ -37,7 +37,7 @@ pub struct Work<'a> {
     pub comparison: Comparison,
 }
 
-impl<'a> Work<'a> {
+impl<'a> RunningComparison<'a> {
     /// Prepares the runs of `comparison`, which has none yet; results are written to `output`.
     ///
     /// # Errors

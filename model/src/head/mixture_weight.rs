@@ -7,34 +7,37 @@ use burn::{
     tensor::activation::sigmoid,
 };
 
-pub use headtail_render::head::SHARE_FLOOR;
+pub use headtail_render::head::MIXTURE_WEIGHT_FLOOR;
 
 use crate::linear::{self, Initializer};
 
 /// Width of the hidden layer.
-pub const SHARE_HIDDEN: usize = 16;
+pub const MIXTURE_WEIGHT_HIDDEN: usize = 16;
 
 /// Returns the probability of drawing from the head: `0.02 + 0.96 sigmoid(logit)`.
-pub fn share_of_logit(logit: f32) -> f32 {
-    SHARE_FLOOR + (1.0 - 2.0 * SHARE_FLOOR) / (1.0 + (-logit).exp())
+pub fn mixture_weight_of_logit(logit: f32) -> f32 {
+    MIXTURE_WEIGHT_FLOOR + (1.0 - 2.0 * MIXTURE_WEIGHT_FLOOR) / (1.0 + (-logit).exp())
 }
 
-/// Returns [`share_of_logit`] in the tensor library's graph.
-pub fn share_of_logits(logit: Tensor<2>) -> Tensor<2> {
-    sigmoid(logit).mul_scalar(1.0 - 2.0 * SHARE_FLOOR).add_scalar(SHARE_FLOOR)
+/// Returns [`mixture_weight_of_logit`] in the tensor library's graph.
+pub fn mixture_weight_of_logits(logit: Tensor<2>) -> Tensor<2> {
+    sigmoid(logit).mul_scalar(1.0 - 2.0 * MIXTURE_WEIGHT_FLOOR).add_scalar(MIXTURE_WEIGHT_FLOOR)
 }
 
 /// A network `(c, latent) -> 16 -> 1` with leaky ReLU between. The last layer starts at zero: the initial
 /// probability is 1/2.
 #[derive(Module, Debug)]
-pub struct ShareNetwork {
+pub struct MixtureWeightNetwork {
     linears: Vec<Linear>,
     leaky_slope: f64,
 }
 
-impl ShareNetwork {
+impl MixtureWeightNetwork {
     pub(super) fn new(inputs: usize, leaky_slope: f64, initializer: &mut Initializer, device: &Device) -> Self {
-        let linears = vec![initializer.linear(inputs, SHARE_HIDDEN, device), linear::zeros(SHARE_HIDDEN, 1, device)];
+        let linears = vec![
+            initializer.linear(inputs, MIXTURE_WEIGHT_HIDDEN, device),
+            linear::zeros(MIXTURE_WEIGHT_HIDDEN, 1, device),
+        ];
         Self { linears, leaky_slope }
     }
 

@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The progress of a part of some work, in equal steps that threads finish in any order.
-pub struct Share<'a> {
+pub struct StageProgress<'a> {
     watch: &'a (dyn Fn(f64) + Sync),
     from: f64,
     to: f64,
@@ -11,7 +11,7 @@ pub struct Share<'a> {
     done: AtomicUsize,
 }
 
-impl<'a> Share<'a> {
+impl<'a> StageProgress<'a> {
     /// Makes the part of the work between the fractions `from` and `to`.
     pub fn new(watch: &'a (dyn Fn(f64) + Sync), (from, to): (f64, f64), steps: usize) -> Self {
         Self { watch, from, to, steps, done: AtomicUsize::new(0) }

@@ -15,20 +15,20 @@ use super::{
 };
 use crate::output::make_folder;
 
-/// The folder of the files.
-pub struct Kept(PathBuf);
+/// A folder with the rows of finished regimes.
+pub struct SavedRows(PathBuf);
 
 /// The content of a file. TOML, since JSON cannot represent infinity.
 #[derive(Serialize, Deserialize)]
 struct Record {
     /// Hash of its inputs.
     key: String,
-    rows: Vec<KeptRow>,
+    rows: Vec<SavedRow>,
     pictures: Pictures,
 }
 
 #[derive(Serialize, Deserialize)]
-struct KeptRow {
+struct SavedRow {
     method: String,
     figures: Option<DirectionStatistics>,
     /// The error if there are no figures.
@@ -37,7 +37,7 @@ struct KeptRow {
     note: String,
 }
 
-impl Kept {
+impl SavedRows {
     /// Opens a folder, creating it if missing.
     ///
     /// # Errors
@@ -50,13 +50,13 @@ impl Kept {
     /// Reads a regime that was measured with the same settings; `None` also if the file is damaged.
     pub fn read(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> Option<(Vec<Row>, Pictures)> {
         let record: Record = toml::from_str(&fs::read_to_string(self.path(regime)).ok()?).ok()?;
-        let row = |kept: KeptRow| {
+        let row = |saved: SavedRow| {
             Some(Row {
                 regime: regime.name.clone(),
-                method: METHODS.iter().find(|method| method.0 == kept.method)?.0,
-                outcome: kept.figures.ok_or(kept.stopped.unwrap_or_default()),
-                skipped: kept.skipped,
-                note: kept.note,
+                method: METHODS.iter().find(|method| method.0 == saved.method)?.0,
+                outcome: saved.figures.ok_or(saved.stopped.unwrap_or_default()),
+                skipped: saved.skipped,
+                note: saved.note,
             })
         };
         let rows: Option<Vec<Row>> = record.rows.into_iter().map(row).collect();
@@ -75,14 +75,14 @@ impl Kept {
         rows: &[Row],
         pictures: Pictures,
     ) -> Result<Pictures> {
-        let kept = |row: &Row| KeptRow {
+        let saved = |row: &Row| SavedRow {
             method: row.method.to_owned(),
             figures: row.outcome.clone().ok(),
             stopped: row.outcome.clone().err(),
             skipped: row.skipped,
             note: row.note.clone(),
         };
-        let record = Record { key: key(regime, config, effort), rows: rows.iter().map(kept).collect(), pictures };
+        let record = Record { key: key(regime, config, effort), rows: rows.iter().map(saved).collect(), pictures };
         file::replace(&self.path(regime), toml::to_string(&record)?.as_bytes())?;
         Ok(record.pictures)
     }

@@ -9,7 +9,7 @@ use super::{Sweep, folder::SweepFolder};
 
 /// A space and its folder.
 #[derive(Args, Clone, Debug)]
-pub struct Place {
+pub struct SweepLocation {
     /// File that describes the space.
     #[arg(value_name = "SPACE.toml")]
     pub space: PathBuf,
@@ -18,7 +18,7 @@ pub struct Place {
     pub out: Option<PathBuf>,
 }
 
-impl Place {
+impl SweepLocation {
     /// Returns the folder.
     pub fn folder(&self) -> SweepFolder {
         SweepFolder::new(self.out.clone().unwrap_or_else(|| self.space.with_extension("sweep")))

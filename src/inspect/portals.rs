@@ -1,0 +1,189 @@
+//! `headtail inspect --portals`: writes the portals of a room for other programs.
+
+use std::path::Path;
+
+use anyhow::{Result, bail, ensure};
+use base64::{Engine, prelude::BASE64_STANDARD};
+use glam::Vec3A;
+use headtail_render::{
+    file,
+    portals::{Portal, Portals},
+    scene::{Camera, Scene},
+};
+use serde_json::{Value, json};
+
+use crate::{
+    output::OutputFile,
+    terminal::{self, out, warning},
+};
+
+/// Fraction of rays to the environment above which a scene is not a room.
+const OPEN: f32 = 0.4;
+/// Coverage below which light would be lost in renderers that sample the environment through portals alone.
+const COVERED: f32 = 0.98;
+
+/// A format by the extension of its file.
+struct Format {
+    extension: &'static str,
+    text: fn(&[Portal]) -> Result<String>,
+}
+
+const FORMATS: [Format; 3] = [
+    Format { extension: "gltf", text: gltf },
+    Format { extension: "usda", text: |portals| Ok(usd(portals)) },
+    Format { extension: "py", text: |portals| Ok(blender(portals)) },
+];
+
+/// Finds the portals of the room that a camera is in, writes them and reports them.
+pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Result<()> {
+    let extension = path.extension().and_then(|extension| extension.to_str());
+    let Some(format) = FORMATS.iter().find(|format| Some(format.extension) == extension) else {
+        bail!("--out {}: name a .gltf, .usda (USD) or .py (Blender) file", path.display());
+    };
+    let output = OutputFile::take(path)?;
+    let found = Portals::find(scene, camera);
+    let percent = |fraction: f32| format!("{:.1} %", 100.0 * fraction);
+    ensure!(
+        found.openness <= OPEN,
+        "{}: {} of the rays from the visible surfaces reach the environment; portals are for rooms",
+        scene.name(),
+        percent(found.openness)
+    );
+    ensure!(!found.portals.is_empty(), "{}: no ray from the visible surfaces reaches the environment", scene.name());
+    let text = (format.text)(&found.portals)?;
+    output.write(|path| file::replace(path, text.as_bytes()))?;
+    if found.coverage < COVERED {
+        warning!(
+            "the portals cover {} of the rays; renderers that sample the environment through portals alone lose the rest",
+            percent(found.coverage)
+        );
+    }
+    if json {
+        let portals: Vec<Value> = found.portals.iter().map(described).collect();
+        return terminal::print_json(&json!({
+            "portals": portals, "coverage": found.coverage, "openness": found.openness, "file": path.display().to_string(),
+        }));
+    }
+    for (number, portal) in found.portals.iter().enumerate() {
+        out!(
+            "{}: {:.2} x {:.2} m at {}, normal {}",
+            name(number),
+            portal.width,
+            portal.height,
+            numbers(portal.center.to_array()),
+            numbers(portal.normal.to_array())
+        );
+    }
+    out!(
+        "{} of the rays reach the environment, {} of these through the portals\n{} written",
+        percent(found.openness),
+        percent(found.coverage),
+        path.display()
+    );
+    Ok(())
+}
+
+fn name(number: usize) -> String {
+    format!("portal-{}", number + 1)
+}
+
+fn described(portal: &Portal) -> Value {
+    json!({
+        "center": portal.center.to_array(),
+        "normal": portal.normal.to_array(),
+        "up": portal.up.to_array(),
+        "width": portal.width,
+        "height": portal.height,
+        "corners": portal.corners().map(|corner| corner.to_array()),
+    })
+}
+
+fn numbers(values: [f32; 3]) -> String {
+    values.map(|value| format!("{value:.3}")).join(" ")
+}
+
+/// One node per portal: a square of 1 m with a scale, whose front faces the room.
+fn gltf(portals: &[Portal]) -> Result<String> {
+    let positions: [[f32; 3]; 4] = [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]];
+    let mut bytes: Vec<u8> = positions.as_flattened().iter().flat_map(|number| number.to_le_bytes()).collect();
+    bytes.extend([0_u16, 1, 2, 0, 2, 3].iter().flat_map(|index| index.to_le_bytes()));
+    let nodes: Vec<Value> = portals
+        .iter()
+        .enumerate()
+        .map(|(number, portal)| {
+            let axes = [portal.width * portal.right(), portal.height * portal.up, portal.normal];
+            let columns = axes.map(|axis| [axis.x, axis.y, axis.z, 0.0]);
+            let [x, y, z] = portal.center.to_array();
+            let matrix: Vec<f32> = columns.into_iter().flatten().chain([x, y, z, 1.0]).collect();
+            json!({"name": name(number), "mesh": 0, "matrix": matrix})
+        })
+        .collect();
+    let file = json!({
+        "asset": {"version": "2.0", "generator": "headtail"},
+        "scene": 0,
+        "scenes": [{"name": "portals", "nodes": (0..nodes.len()).collect::<Vec<_>>()}],
+        "nodes": nodes,
+        "meshes": [{"name": "portal", "primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, -0.5, 0.0], "max": [0.5, 0.5, 0.0]},
+            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 12, "target": 34963},
+        ],
+        "buffers": [{
+            "byteLength": bytes.len(),
+            "uri": format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&bytes)),
+        }],
+    });
+    Ok(serde_json::to_string_pretty(&file)?)
+}
+
+/// `PortalLight` prims, which transmit light along -Z.
+fn usd(portals: &[Portal]) -> String {
+    let mut text = String::from(
+        "#usda 1.0\n(\n    doc = \"Portals found by headtail. Reference this layer and list its lights in the dome \
+         light's relationship 'portals'.\"\n    defaultPrim = \"portals\"\n    metersPerUnit = 1\n    upAxis = \"Y\"\n)\n\n\
+         def Scope \"portals\"\n{\n",
+    );
+    for (number, portal) in portals.iter().enumerate() {
+        let row = |v: Vec3A, last: u8| format!("({}, {}, {}, {last})", v.x, v.y, v.z);
+        let rows =
+            [row(-portal.right(), 0), row(portal.up, 0), row(-portal.normal, 0), row(portal.center, 1)].join(", ");
+        let (width, height) = (portal.width, portal.height);
+        text += &format!(
+            "    def PortalLight \"{}\"\n    {{\n        float inputs:width = {width}\n        float inputs:height = {height}\n        \
+             matrix4d xformOp:transform = ({rows})\n        uniform token[] xformOpOrder = [\"xformOp:transform\"]\n    }}\n",
+            name(number).replace('-', "_"),
+        );
+    }
+    text + "}\n"
+}
+
+/// A script that adds area lights as portals of Cycles; Blender's axes are those of an imported glTF file.
+fn blender(portals: &[Portal]) -> String {
+    let z_up = |v: Vec3A| format!("({}, {}, {})", v.x, -v.z, v.y);
+    let rows: Vec<String> = portals
+        .iter()
+        .map(|portal| {
+            let vectors = [portal.center, portal.normal, portal.up].map(z_up).join(", ");
+            format!("    ({vectors}, {}, {}),\n", portal.width, portal.height)
+        })
+        .collect();
+    format!(
+        "\"\"\"Adds portals found by headtail as area lights of Cycles. Run it in Blender's text editor.\"\"\"\n\nimport bpy\n\
+         from mathutils import Matrix, Vector\n\n# Middle, normal into the room, direction of the height; width and height. Z is up.\n\
+         PORTALS = [\n{}]\n\n\
+         for number, (center, normal, up, width, height) in enumerate(PORTALS, 1):\n    \
+         light = bpy.data.lights.new(f\"portal-{{number}}\", \"AREA\")\n    \
+         light.shape, light.size, light.size_y = \"RECTANGLE\", width, height\n    \
+         light.cycles.is_portal = True\n    \
+         portal = bpy.data.objects.new(light.name, light)\n    \
+         # Area lights face -Z.\n    \
+         y, z = Vector(up), -Vector(normal)\n    \
+         portal.matrix_world = Matrix.Translation(center) @ Matrix((y.cross(z), y, z)).transposed().to_4x4()\n    \
+         bpy.context.scene.collection.objects.link(portal)\n",
+        rows.concat()
+    )
+}
