@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 /// Why something could not be measured.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The renderer's error.
     #[error(transparent)]

@@ -2,6 +2,7 @@
 
 /// An invalid head configuration or invalid weights.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A field of the configuration is out of range.
     #[error("head configuration: {field} = {value}, but it must be {requirement}")]

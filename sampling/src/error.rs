@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// An error of reading input or writing a result.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The operating system failed to read or write a file.
     #[error("{}: {reason}", path.display())]

@@ -4,6 +4,7 @@ use crate::backend::Backend;
 
 /// An error of training.
 #[derive(Clone, Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// The backend is not part of this build.
     #[error("the backend `{backend}` is not in this build: build with `--features {backend}`")]
