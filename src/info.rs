@@ -91,7 +91,7 @@ fn sampler(path: &Path) -> Result<Facts> {
         facts.push(fact("condition", serde_json::to_value(head.condition())?));
         facts.push(fact("layers", layers.len()));
         facts.push(fact("weights", weights));
-        facts.push(fact("learned share", head.has_mixture_weight()));
+        facts.push(fact("learned mixture weight", head.has_mixture_weight()));
     }
     let (width, height, _) = &exported.luminance;
     if let Some(detail) = exported.patches {

@@ -287,7 +287,7 @@ impl Page {
                     "After Litalien et al. 2024, \u{201c}Neural Product Importance Sampling via Warp Composition\u{201d}. Scenes and maps are not the paper\u{2019}s: \
                      its numbers stand beside ours where its text states them, and only ratios can be compared. Heads are trained with this program\u{2019}s batches and optimiser ("
                     (context.effort.cosine_steps) " and " (context.effort.ggx_steps)
-                    " steps), without a learned share beside BRDF sampling but for neural materials."
+                    " steps), with a learned mixture weight for neural materials only."
                 }
             }
         }

@@ -27,8 +27,8 @@ pub const METHODS: [(&str, &str); 6] = [
     (PATCHES, "patches of sky, beside BRDF sampling where lobes are narrow: the product in closed form, no training"),
     ("head", "the head alone: the plain method"),
     (HALVES, "the same head and BRDF sampling, one half each"),
-    ("share", "the same with a learned share, trained jointly"),
-    (DEFAULT, "what headtail fit makes without further flags: learned share, and no head that is worse than none"),
+    ("share", "the same with a learned mixture weight, trained jointly"),
+    (DEFAULT, "what headtail fit makes without further flags: a learned mixture weight, and no head that is worse than none"),
 ];
 
 /// The baseline.

@@ -15,7 +15,6 @@ headtail is the program of this checkout (`cargo build --release`), or the one n
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -150,6 +149,9 @@ def measure_view(view, options, available, rows, folder):
                 if material not in options.materials or depth not in RENDERERS[name][2] or not budgets:
                     continue
                 if needs_portals and not frame["portals"]:
+                    continue
+                # LuxCore's metal is a different surface.
+                if RENDERERS[name][0] == "luxcore_renderer" and material != "diffuse":
                     continue
                 log(f"{view.name}, {material}, depth {depth}: {name}")
                 picture = dict(alpha=views.MATERIALS[material], depth=depth, **frame)

@@ -40,7 +40,7 @@ pub fn section(comparison: &Comparison, gallery: &Gallery) -> Markup {
                 }))
                 (line("relMSE", html! {
                     "Mean of (x \u{2212} r)" sup { "2" } " / (r" sup { "2" } " + " (RELATIVE_EPSILON) "); \u{201c}trimmed\u{201d} leaves out the worst "
-                    (100.0 * TRIMMED_FRACTION) "\u{a0}% of pixels, and \u{201c}fireflies\u{201d} is the share of the error that these have."
+                    (100.0 * TRIMMED_FRACTION) "\u{a0}% of pixels, and \u{201c}fireflies\u{201d} is the fraction of the error in these."
                 }))
                 (line("FLIP", html! {
                     "Mean of LDR-FLIP (Andersson et al. 2020) over " (pixels(comparison)) " of the first run's picture as it is shown here, for an observer who sees "

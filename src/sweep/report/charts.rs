@@ -146,7 +146,7 @@ pub fn importance(objective: &str, importance: &Importance) -> Markup {
             figure {
                 (chart::fractions("importance", &bars, "Importance of settings").html())
                 figcaption.note {
-                    "Permutation importance over a random forest of " (forest::TREES) " trees: the share of the variance of ln " (objective)
+                    "Permutation importance over a random forest of " (forest::TREES) " trees: the fraction of the variance of ln " (objective)
                     " that the forest no longer explains, out of bag, once the setting is shuffled among trials. Trials are compared with those of the same \
                      map. The forest explains " (format!("{:.0}", 100.0 * importance.explained)) " %."
                 }
