@@ -107,7 +107,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 fn with_bar<T>(bake: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
     let bar = OnceLock::new();
     let show = |fraction: f64| {
-        bar.get_or_init(|| progress::bar(progress::FRACTION_UNITS, "baking")).fraction_setter()(fraction)
+        bar.get_or_init(|| progress::bar(progress::FRACTION_UNITS, "baking")).fraction_setter()(fraction);
     };
     let table = bake(&show);
     bar.into_inner().iter().for_each(progress::Bar::finish_and_clear);

@@ -28,7 +28,10 @@ pub const METHODS: [(&str, &str); 6] = [
     ("head", "the head alone: the plain method"),
     (HALVES, "the same head and BRDF sampling, one half each"),
     ("share", "the same with a learned mixture weight, trained jointly"),
-    (DEFAULT, "what headtail fit makes without further flags: a learned mixture weight, and no head that is worse than none"),
+    (
+        DEFAULT,
+        "what headtail fit makes without further flags: a learned mixture weight, and no head that is worse than none",
+    ),
 ];
 
 /// The baseline.
