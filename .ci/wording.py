@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # Pattern -> what to write instead. Patterns ignore case and match across line ends.
 RULES = {
     r"lessons?|teach(es|ing)?|learners?": "training pass; train; trainer",
-    r"promis(es?|ed|ing)": "predicts; a predicted gain",
+    r"promises?|promised|promising": "predicts; a predicted gain",
     r"what (is|are) seen of|what it knows|what (was|is) kept|all that learn": "a noun: visibility; the checkpoint",
     r"(that|which) (is|are) no (?!longer|more|less|worse|better|larger|smaller|farther|other)[a-z]+": "not a ...; non-...",
     r"(so|as) many \w+ as there are|one (number|of them) each": "one ... per ...; n ...",
