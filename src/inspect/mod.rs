@@ -144,18 +144,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let exported = ExportedSampler::read(file)?;
     let (at, table) = shading_point(arguments, &exported.intermediate)?;
     let (panels, figures) = tabulate(&exported, &at, &table)?;
-    let direction = |v: Vec3A| format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z);
     let mut title = format!(
         "{} of '{}', {} tail, normal {}",
         kind(&exported.intermediate),
         exported.environment,
         exported.tail.kind().name(),
-        direction(at.ns)
+        numbers(at.ns)
     );
     if let Some(material @ (MaterialSpec::Measured { .. } | MaterialSpec::Neural(_))) = &arguments.material {
-        title += &format!(", {material}, view {}", direction(at.wo));
+        title += &format!(", {material}, view {}", numbers(at.wo));
     } else if at.surface.brdf == BrdfTable::GGX {
-        title += &format!(", alpha {}, view {}", at.lobe_width(), direction(at.wo));
+        title += &format!(", alpha {}, view {}", at.lobe_width(), numbers(at.wo));
     }
     let mut facts = format!(
         "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of q {:.5}",
@@ -178,6 +177,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         out!("{title}\n{facts}\n{} written", arguments.out.display());
     }
     Ok(())
+}
+
+/// Formats a vector.
+fn numbers(v: Vec3A) -> String {
+    format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z)
 }
 
 fn write(output: &OutputFile, picture: &Chart) -> Result<()> {

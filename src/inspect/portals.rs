@@ -12,6 +12,7 @@ use headtail_render::{
 };
 use serde_json::{Value, json};
 
+use super::numbers;
 use crate::{
     output::OutputFile,
     terminal::{self, out, warning},
@@ -25,13 +26,13 @@ const COVERED: f32 = 0.98;
 /// A format by the extension of its file.
 struct Format {
     extension: &'static str,
-    text: fn(&[Portal]) -> Result<String>,
+    text: fn(&[Portal]) -> String,
 }
 
 const FORMATS: [Format; 3] = [
     Format { extension: "gltf", text: gltf },
-    Format { extension: "usda", text: |portals| Ok(usd(portals)) },
-    Format { extension: "py", text: |portals| Ok(blender(portals)) },
+    Format { extension: "usda", text: usd },
+    Format { extension: "py", text: blender },
 ];
 
 /// Finds the portals of the room that a camera is in, writes them and reports them.
@@ -50,7 +51,7 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
         percent(found.openness)
     );
     ensure!(!found.portals.is_empty(), "{}: no ray from the visible surfaces reaches the environment", scene.name());
-    let text = (format.text)(&found.portals)?;
+    let text = (format.text)(&found.portals);
     output.write(|path| file::replace(path, text.as_bytes()))?;
     if found.coverage < COVERED {
         warning!(
@@ -70,8 +71,8 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
             name(number),
             portal.width,
             portal.height,
-            numbers(portal.center.to_array()),
-            numbers(portal.normal.to_array())
+            numbers(portal.center),
+            numbers(portal.normal)
         );
     }
     out!(
@@ -98,12 +99,8 @@ fn described(portal: &Portal) -> Value {
     })
 }
 
-fn numbers(values: [f32; 3]) -> String {
-    values.map(|value| format!("{value:.3}")).join(" ")
-}
-
 /// One node per portal: a square of 1 m with a scale, whose front faces the room.
-fn gltf(portals: &[Portal]) -> Result<String> {
+fn gltf(portals: &[Portal]) -> String {
     let positions: [[f32; 3]; 4] = [[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]];
     let mut bytes: Vec<u8> = positions.as_flattened().iter().flat_map(|number| number.to_le_bytes()).collect();
     bytes.extend([0_u16, 1, 2, 0, 2, 3].iter().flat_map(|index| index.to_le_bytes()));
@@ -137,7 +134,7 @@ fn gltf(portals: &[Portal]) -> Result<String> {
             "uri": format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&bytes)),
         }],
     });
-    Ok(serde_json::to_string_pretty(&file)?)
+    format!("{file:#}")
 }
 
 /// `PortalLight` prims, which transmit light along -Z.

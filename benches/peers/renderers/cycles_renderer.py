@@ -23,7 +23,7 @@ class Renderer:
         self.add_map(picture)
         self.add_camera(picture)
         if portals:
-            self.add_portals(picture)
+            exec(picture.portals)
         self.set_options(picture, guiding)
 
     def add_mesh(self, picture):
@@ -56,18 +56,6 @@ class Renderer:
         placed.rotation_euler = direction.to_track_quat("-Z", "Y").to_euler()
         self.scene.collection.objects.link(placed)
         self.scene.camera = placed
-
-    def add_portals(self, picture):
-        for portal in picture.portals:
-            light = bpy.data.lights.new("portal", "AREA")
-            light.shape, light.size, light.size_y = "RECTANGLE", portal["width"], portal["height"]
-            light.cycles.is_portal = True
-            placed = bpy.data.objects.new("portal", light)
-            # Area lights face -Z.
-            y, z = (mathutils.Vector(z_up(portal[name])) for name in ("up", "normal"))
-            axes = mathutils.Matrix((y.cross(-z), y, -z)).transposed().to_4x4()
-            placed.matrix_world = mathutils.Matrix.Translation(z_up(portal["center"])) @ axes
-            self.scene.collection.objects.link(placed)
 
     def set_options(self, picture, guiding):
         render, cycles = self.scene.render, self.scene.cycles

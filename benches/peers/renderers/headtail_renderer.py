@@ -46,9 +46,10 @@ class Renderer:
         return exr.read(self.out.with_suffix(".aovs.exr"), "albedo").max(-1) > 0
 
     def portals(self):
-        """Returns the portals of the room."""
-        file = Path(self.folder.name) / "portals.gltf"
-        return json.loads(run([program(), "inspect", "--portals", *self.view, "--out", str(file)]))["portals"]
+        """Returns the script that adds the portals of the room to Blender."""
+        file = Path(self.folder.name) / "portals.py"
+        run([program(), "inspect", "--portals", *self.view, "--out", str(file)])
+        return file.read_text()
 
 
 def run(command):

@@ -133,9 +133,9 @@ def measure_view(view, options, available, rows, folder):
         look_from=look_from, look_at=look_at, fov=fov, width=options.width, height=options.height,
         map=str(files[1].resolve()), threads=options.threads, glb=str(glb),
     )  # fmt: skip
-    own = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, portals=[], **frame))
+    own = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, portals=None, **frame))
     coverage = own.coverage()
-    frame["portals"] = own.portals() if view.camera else []
+    frame["portals"] = own.portals() if view.camera else None
     # Rounded like the file that other renderers read.
     np.savez(geometry, vertices=vertices.astype(np.float32).astype(float), faces=faces, coverage=coverage)
     known = {key(row) for row in rows}
@@ -145,13 +145,13 @@ def measure_view(view, options, available, rows, folder):
                 common = dict(view=view.name, material=material, depth=depth, renderer=name)
                 common.update({field: getattr(options, field) for field in ("runs", "width", "height", "threads")})
                 budgets = [budget for budget in sorted(options.budgets) if key({**common, "budget": budget}) not in known]
-                needs_portals = "portals" in RENDERERS[name][1]
-                if material not in options.materials or depth not in RENDERERS[name][2] or not budgets:
+                module, settings, depths = RENDERERS[name]
+                if material not in options.materials or depth not in depths or not budgets:
                     continue
-                if needs_portals and not frame["portals"]:
-                    continue
+                has_portals = frame["portals"] or "portals" not in settings
                 # LuxCore's metal is a different surface.
-                if RENDERERS[name][0] == "luxcore_renderer" and material != "diffuse":
+                has_material = module != "luxcore_renderer" or material == "diffuse"
+                if not (has_portals and has_material):
                     continue
                 log(f"{view.name}, {material}, depth {depth}: {name}")
                 picture = dict(alpha=views.MATERIALS[material], depth=depth, **frame)

@@ -61,7 +61,7 @@ class Picture:
     depth: int  # surfaces that light visits; 1 is direct light
     threads: int
     glb: str  # a file of the same triangles
-    portals: list  # of rooms: those of `headtail inspect --portals`
+    portals: str | None  # of rooms: the script of `headtail inspect --portals` for Blender
 
 
 def opened(view, data):
