@@ -1,5 +1,7 @@
 """The integrators in Mitsuba 3: their means equal those of Mitsuba's own, and invalid inputs are rejected."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,16 @@ def runs(scene, first_seed):
     return pictures.reshape(RUNS, rows, TILE, columns, TILE).mean((2, 4)).reshape(RUNS, -1)
 
 
+@functools.cache
+def runs_of_mitsuba(variant, material, kind):
+    """Returns the same of Mitsuba's own integrator, rendered once for all samplers that are compared with it."""
+    return runs(scene(material, integrator(kind)), 0)
+
+
+def integrator(kind, **more):
+    return {"type": kind, **({"max_depth": 4} if kind.endswith("path") else {}), **more}
+
+
 def agree(a, b):
     """Returns whether no tile's means differ by Welch's test, at 0.1 % corrected for the number of tiles and
     of tests."""
@@ -80,9 +92,8 @@ def agree(a, b):
 def test_means_match_mitsubas_own_integrators(variant, material, sampler, kind):
     if is_grey(variant) and (sampler, kind) != ("table" if material == "diffuse" else "patches", "path"):
         pytest.skip("of one channel, a scene for each material is enough")
-    settings = {"max_depth": 4} if kind == "path" else {}
-    own = runs(scene(material, {"type": f"headtail_{kind}", "sampler": sampler, **settings}), 100)
-    theirs = runs(scene(material, {"type": kind, **settings}), 0)
+    own = runs(scene(material, integrator(f"headtail_{kind}", sampler=sampler)), 100)
+    theirs = runs_of_mitsuba(variant, material, kind)
     assert agree(own, theirs), f"{own.mean()} {theirs.mean()}"
 
 
@@ -105,9 +116,8 @@ def test_means_match_mitsubas_own_integrators(variant, material, sampler, kind):
 def test_means_with_a_head_match_mitsubas_own_integrators(variant, heads, material, kind, head):
     if is_grey(variant):
         pytest.skip("maps are grey there, and files of a map in colour refused")
-    settings = {"max_depth": 3} if kind == "path" else {}
-    own = runs(scene(material, {"type": f"headtail_{kind}", "file": heads[head], **settings}), 100)
-    theirs = runs(scene(material, {"type": kind, **settings}), 0)
+    own = runs(scene(material, integrator(f"headtail_{kind}", file=heads[head])), 100)
+    theirs = runs_of_mitsuba(variant, material, kind)
     assert agree(own, theirs), f"{own.mean()} {theirs.mean()}"
 
 
@@ -118,7 +128,7 @@ def is_grey(variant):
 def test_six_per_cent_more_light_is_detected(variant):
     """The test above detects 6 % more light."""
     own = runs(scene("diffuse", {"type": "headtail_direct"}), 100)
-    assert not agree(1.06 * own, runs(scene("diffuse", {"type": "direct"}), 0))
+    assert not agree(1.06 * own, runs_of_mitsuba(variant, "diffuse", "direct"))
 
 
 def test_delta_lobes_reflect_correctly(variant):
