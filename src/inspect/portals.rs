@@ -184,3 +184,79 @@ fn blender(portals: &[Portal]) -> String {
         rows.concat()
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+
+    fn portals() -> Vec<Portal> {
+        let turned = Vec3A::new(2.0, 3.0, 6.0) / 7.0;
+        let (window, skylight) = (Vec3A::new(-1.5, 1.2, 0.3), Vec3A::new(0.5, 2.8, -4.0));
+        vec![
+            Portal { center: window, normal: turned, up: turned.any_orthonormal_vector(), width: 1.4, height: 0.9 },
+            Portal { center: skylight, normal: Vec3A::NEG_Y, up: Vec3A::NEG_Z, width: 0.6, height: 2.0 },
+        ]
+    }
+
+    /// Returns the numbers of a text, in order.
+    fn numbers_of(text: &str) -> Vec<f32> {
+        text.split(|c: char| !(c.is_ascii_digit() || "+-.e".contains(c))).filter_map(|word| word.parse().ok()).collect()
+    }
+
+    /// Panics unless two points differ by rounding: metres, in steps of 1.2e-7 of 4 m.
+    fn assert_near(a: Vec3A, b: Vec3A) {
+        assert!(a.distance(b) < 2e-6, "{a} {b}");
+    }
+
+    #[test]
+    fn gltf_files_hold_the_rectangles_with_their_fronts_to_the_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("portals.gltf");
+        std::fs::write(&file, gltf(&portals())).unwrap();
+        let scene = Scene::open(file.to_str().unwrap()).unwrap();
+        let triangles: Vec<[Vec3; 3]> = scene.triangles().collect();
+        assert_eq!(triangles.len(), 4);
+        for (portal, pair) in portals().iter().zip(triangles.chunks_exact(2)) {
+            let corners = portal.corners();
+            for (triangle, expected) in pair.iter().zip([[0, 1, 2], [0, 2, 3]]) {
+                for (&vertex, corner) in triangle.iter().zip(expected) {
+                    assert_near(vertex.into(), corners[corner]);
+                }
+                let [a, b, c] = triangle.map(Vec3A::from);
+                assert_near((b - a).cross(c - a).normalize(), portal.normal);
+            }
+        }
+    }
+
+    #[test]
+    fn lights_of_usd_face_the_room_along_negative_z() {
+        let text = usd(&portals());
+        let blocks: Vec<&str> = text.split("def PortalLight").skip(1).collect();
+        assert_eq!(blocks.len(), 2);
+        for (portal, block) in portals().iter().zip(blocks) {
+            let of = |name: &str| numbers_of(block.split(name).nth(1).unwrap().split('\n').next().unwrap());
+            assert_eq!((of("inputs:width = ")[0], of("inputs:height = ")[0]), (portal.width, portal.height));
+            let rows = of("xformOp:transform = ");
+            let rows: Vec<Vec3A> = rows.chunks_exact(4).map(|row| Vec3A::new(row[0], row[1], row[2])).collect();
+            let [x, y, z, center] = rows[..] else { panic!("{block}") };
+            assert_near(x.cross(y), z);
+            assert_near(-z, portal.normal);
+            let corner = center + 0.5 * (portal.width * x + portal.height * y);
+            assert!(portal.corners().iter().any(|other| other.distance(corner) < 2e-6), "{corner}");
+        }
+    }
+
+    #[test]
+    fn rows_of_the_blender_script_are_turned_to_z_up() {
+        let text = blender(&portals());
+        let rows = text.split("PORTALS = [\n").nth(1).unwrap().split(']').next().unwrap();
+        for (portal, row) in portals().iter().zip(rows.lines()) {
+            let row = numbers_of(row);
+            let y_up = |k: usize| Vec3A::new(row[k], row[k + 2], -row[k + 1]);
+            assert_eq!([y_up(0), y_up(3), y_up(6)], [portal.center, portal.normal, portal.up]);
+            assert_eq!(row[9..], [portal.width, portal.height]);
+        }
+    }
+}

@@ -29,7 +29,7 @@ pub struct Effort {
 const SAMPLE: f64 = 0.5e-6;
 
 impl Effort {
-    /// Under ten minutes on two cores.
+    /// A few minutes on two cores.
     pub const QUICK: Self = Self {
         maps: 2,
         cosine_steps: 400,
@@ -37,10 +37,10 @@ impl Effort {
         // With 150 steps, the flow of a room with a window shears by more turns than its table supports.
         flow_steps: 300,
         rival_steps: 0,
-        width: 160,
+        width: 128,
         runs: 3,
-        reference_spp: 512,
-        mask_spp: 512,
+        reference_spp: 256,
+        mask_spp: 128,
         density_rows: 96,
     };
     /// About two hours on one core for twelve maps. A reference of 2048 samples by patches has 1/500 of the

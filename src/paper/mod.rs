@@ -73,7 +73,7 @@ use crate::{
   headtail paper --data maps --only catcher --json --out out/paper
   headtail paper --data maps --out out/paper
 
---quick takes under ten minutes on two cores; without it, expect hours; the estimate is printed first. After an interruption the same command \
+--quick takes a few minutes on two cores; without it, expect hours; the estimate is printed first. After an interruption the same command \
 continues: heads and finished parts of sections are kept in DIR/heads and DIR/sections. Without --data, maps and scenes are the \
 built-in ones. Of --data the folders envmaps (.hdr, .exr), scenes (.glb, .gltf), nbrdf (nbrdf_all.f32) and materials (welt, satin and velvet.safetensors; else those of ./checkpoints) are used.")]
 pub struct Arguments {
