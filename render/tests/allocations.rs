@@ -87,8 +87,9 @@ fn sampling_does_not_allocate() {
     const HEIGHT: usize = 32;
     const FEW: u32 = 32;
     const MANY: u32 = 160;
-    // Dispatching a pass of 16 samples to threads allocates once.
-    let allowed = (MANY - FEW) as usize / 16;
+    // Dispatching a pass of 16 samples to threads allocates once, and buffers grow a few times. Once per tile and
+    // pass would be twice as many as allowed.
+    let allowed = 2 * (MANY - FEW) as usize / 16;
     let scene = Scene::built_in("dishes").unwrap();
     let environment = Arc::new(built_in("window").unwrap());
     let camera = scene.camera();
