@@ -150,7 +150,8 @@ for _ in $(seq 90); do
     left="$(squeue --noheader --array --jobs "$job" --format %i 2>/dev/null | wc -l)"
     [ "$left" -gt 0 ] || break
     waiting="$(squeue --noheader --array --jobs "$job" --states PENDING --format %i)"
-    # A task that starts within the second in which its earlier run ends is given the exit status of that run.
+    # Seen once on a busy machine: a task that started within the second in which its earlier run ended failed at once,
+    # without output.
     sleep 2
     for task in $waiting; do
         scontrol update "JobId=$task" StartTime=now 2>/dev/null || true
