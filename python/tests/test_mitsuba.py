@@ -71,7 +71,7 @@ def runs(scene, first_seed):
 
 @functools.cache
 def runs_of_mitsuba(variant, material, kind):
-    """Returns the same of Mitsuba's own integrator, rendered once for all samplers that are compared with it."""
+    """Returns `runs` of Mitsuba's own integrator, rendered once in a variant for all samplers."""
     return runs(scene(material, integrator(kind)), 0)
 
 

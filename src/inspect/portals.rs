@@ -205,7 +205,7 @@ mod tests {
         text.split(|c: char| !(c.is_ascii_digit() || "+-.e".contains(c))).filter_map(|word| word.parse().ok()).collect()
     }
 
-    /// Panics unless two points differ by rounding: metres, in steps of 1.2e-7 of 4 m.
+    /// Panics if two points differ by more than rounding: metres, in steps of 1.2e-7 of 4 m.
     fn assert_near(a: Vec3A, b: Vec3A) {
         assert!(a.distance(b) < 2e-6, "{a} {b}");
     }
@@ -252,6 +252,7 @@ mod tests {
     fn rows_of_the_blender_script_are_turned_to_z_up() {
         let text = blender(&portals());
         let rows = text.split("PORTALS = [\n").nth(1).unwrap().split(']').next().unwrap();
+        assert_eq!(rows.lines().count(), 2);
         for (portal, row) in portals().iter().zip(rows.lines()) {
             let row = numbers_of(row);
             let y_up = |k: usize| Vec3A::new(row[k], row[k + 2], -row[k + 1]);
