@@ -34,7 +34,7 @@ def build(work, patched):
         return program
     tree = work / "tree"
     run = lambda *command, cwd=ROOT: subprocess.run(command, cwd=cwd, check=True)
-    run("git", "worktree", "add", "--force", "--detach", str(tree), BASE)
+    run("git", "worktree", "add", "--quiet", "--force", "--detach", str(tree), BASE)
     try:
         if patched:
             run("git", "apply", str(HERE / "exact.patch"), cwd=tree)
