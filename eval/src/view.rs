@@ -215,7 +215,8 @@ impl OpenedView {
     /// If a file of the SPEC cannot be used here.
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
         let (memory, always) = (self.visibility_bytes, self.visibility_always);
-        Ok(spec.build_in(&self.environment, BuildContext { scene: Some(&*self.scene), memory, always })?)
+        let motion = Affine3A::from_rotation_y(-self.rotation.to_radians());
+        Ok(spec.build_in(&self.environment, BuildContext { scene: Some(&*self.scene), memory, always, motion })?)
     }
 
     /// Builds the estimator of `patches+vis` for this map and this scene.

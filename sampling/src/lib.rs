@@ -23,6 +23,7 @@
 //! | `latlong.rs`, `frame.rs` | directions and X; the frame around a normal |
 //! | `color.rs`, `morton.rs` | luminance and the tone curve; the Morton curve |
 //! | `flat.rs` | samplers as named arrays, for other devices |
+//! | `portals/` | portals of rooms, and the light that comes through them |
 //! | `file.rs`, `tensor_file.rs`, `path_text.rs` | files; safetensors; paths within text |
 //! | `memory.rs`, `large.rs` | memory limits; large tables |
 //! | `remark.rs`, `timings.rs` | notes about files; time by stage |
@@ -55,6 +56,7 @@ mod parallel;
 pub mod patches;
 pub mod path_text;
 pub mod points;
+pub mod portals;
 pub mod random;
 pub mod remark;
 pub mod rival;

@@ -10,8 +10,9 @@ use glam::{Vec2, Vec3, Vec3A};
 use headtail_sampling::{
     brdf::{Ggx, Lambert, Surface},
     environment::built_in,
+    portals::{Portal, PortalSampler},
     random::{Purpose, Stream},
-    sampler::AtPoint,
+    sampler::{AtPoint, BrdfSampler, OneSampleMis, Sampler},
     spec::{SamplerSpec, forms},
     tile::ShadingPoint,
 };
@@ -32,9 +33,20 @@ fn rows() -> Vec<Row> {
     let surfaces: [(&str, Surface); 2] =
         [("diffuse", Lambert { albedo: Vec3::splat(0.5) }.into()), ("glossy", Ggx::new(0.3, Vec3::ONE).into())];
     let mut rows = Vec::new();
-    for form in forms::forms().filter(|form| form.purpose != forms::Purpose::Study) {
-        let spec = form.form.parse::<SamplerSpec>().ok().filter(SamplerSpec::has_pdf);
-        let Some(sampler) = spec.and_then(|spec| spec.build_sampler(&environment).ok()) else { continue };
+    let named = forms::forms().filter(|form| form.purpose != forms::Purpose::Study).filter_map(|form| {
+        let spec = form.form.parse::<SamplerSpec>().ok().filter(SamplerSpec::has_pdf)?;
+        Some((form.form, spec.build_sampler(&environment).ok()?))
+    });
+    let window = |x: f32| Portal {
+        center: Vec3A::new(x, 1.5, 0.4),
+        normal: Vec3A::new(-x.signum(), 0.0, 0.0),
+        up: Vec3A::Y,
+        width: 1.5,
+        height: 1.0,
+    };
+    let portals = PortalSampler::new(&[window(2.0), window(-1.2)], &environment);
+    let portals: Arc<dyn Sampler> = Arc::new(OneSampleMis::new(portals, BrdfSampler));
+    for (form, sampler) in named.chain([("portals+mis", portals)]) {
         for (name, surface) in surfaces {
             let ns = Vec3A::new(0.3, 0.8, 0.2).normalize();
             let wo = Vec3A::new(-0.2, 0.7, 0.6).normalize();
@@ -43,7 +55,7 @@ fn rows() -> Vec<Row> {
             let u: Vec<Vec2> = (0..DRAWS).map(|_| random.uniform2()).collect();
             for (k, drawn) in at.sample_many(&u).into_iter().enumerate() {
                 let numbers = drawn.map_or([0.0; 4], |drawn| drawn.wi.extend(drawn.pdf).to_array());
-                rows.push((format!("{},{name},{k}", form.form), numbers));
+                rows.push((format!("{form},{name},{k}"), numbers));
             }
         }
     }

@@ -66,9 +66,9 @@ pub struct Arguments {
     /// Its cells in false colours and, for one pixel, the map by learned and by traced visibility.
     #[arg(long, requires = "env", requires = "file", requires = "scene", conflicts_with = "tail", group = "of_scene")]
     visibility: bool,
-    /// Find the windows and doors of --scene, for other renderers.
-    /// Rectangles through which the light of the environment enters the room of the camera: as glTF nodes, as USD
-    /// portal lights or as a script for Blender.
+    /// Find the windows and doors of --scene.
+    /// Rectangles through which the light of the environment enters the room of the camera: for --sampler
+    /// mis2:portals:FILE, as glTF nodes, as USD portal lights or as a script for Blender.
     #[arg(long, requires = "scene", conflicts_with_all = ["tail", "visibility", "file"], group = "of_scene")]
     portals: bool,
     /// Map for --tail and --visibility.
@@ -89,7 +89,7 @@ pub struct Arguments {
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with = "visibility")]
     json: bool,
-    /// SVG file to write; for --portals a .gltf, .usda or .py file.
+    /// SVG file to write; for --portals a .json, .gltf, .usda or .py file.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]

@@ -7,7 +7,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use glam::Vec3A;
 use headtail_render::{
     file,
-    portals::{Portal, Portals},
+    portals::{Portal, Portals, to_json},
     scene::{Camera, Scene},
 };
 use serde_json::{Value, json};
@@ -29,7 +29,8 @@ struct Format {
     text: fn(&[Portal]) -> String,
 }
 
-const FORMATS: [Format; 3] = [
+const FORMATS: [Format; 4] = [
+    Format { extension: "json", text: to_json },
     Format { extension: "gltf", text: gltf },
     Format { extension: "usda", text: usd },
     Format { extension: "py", text: blender },
@@ -39,7 +40,7 @@ const FORMATS: [Format; 3] = [
 pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Result<()> {
     let extension = path.extension().and_then(|extension| extension.to_str());
     let Some(format) = FORMATS.iter().find(|format| Some(format.extension) == extension) else {
-        bail!("--out {}: name a .gltf, .usda (USD) or .py (Blender) file", path.display());
+        bail!("--out {}: name a .json (for --sampler), .gltf, .usda (USD) or .py (Blender) file", path.display());
     };
     let output = OutputFile::take(path)?;
     let found = Portals::find(scene, camera);
@@ -60,10 +61,15 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
         );
     }
     if json {
-        let portals: Vec<Value> = found.portals.iter().map(described).collect();
-        return terminal::print_json(&json!({
-            "portals": portals, "coverage": found.coverage, "openness": found.openness, "file": path.display().to_string(),
-        }));
+        let mut described: Value = serde_json::from_str(&to_json(&found.portals))?;
+        for (name, value) in [
+            ("coverage", json!(found.coverage)),
+            ("openness", json!(found.openness)),
+            ("file", json!(path.display().to_string())),
+        ] {
+            described[name] = value;
+        }
+        return terminal::print_json(&described);
     }
     for (number, portal) in found.portals.iter().enumerate() {
         out!(
@@ -86,17 +92,6 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
 
 fn name(number: usize) -> String {
     format!("portal-{}", number + 1)
-}
-
-fn described(portal: &Portal) -> Value {
-    json!({
-        "center": portal.center.to_array(),
-        "normal": portal.normal.to_array(),
-        "up": portal.up.to_array(),
-        "width": portal.width,
-        "height": portal.height,
-        "corners": portal.corners().map(|corner| corner.to_array()),
-    })
 }
 
 /// One node per portal: a square of 1 m with a scale, whose front faces the room.

@@ -25,6 +25,8 @@ pub enum Kind {
     Patches,
     /// The product in closed form with trained visibility.
     PatchesWithVisibility,
+    /// The light through the portals of a room.
+    Portals,
     /// The product as a table.
     Direct,
     /// A trained head alone.
@@ -50,7 +52,7 @@ pub enum Kind {
 }
 
 /// Colour (`--s0` to `--s9` in the style sheet) and marker (see [`outline`]) of each kind.
-const LOOKS: [(Kind, usize, usize); 20] = [
+const LOOKS: [(Kind, usize, usize); 21] = [
     (Kind::Mis, 0, 0),
     (Kind::TwoSampleMis, 8, 1),
     (Kind::CompensatedMis, 8, 3),
@@ -60,6 +62,7 @@ const LOOKS: [(Kind, usize, usize); 20] = [
     (Kind::RisOfProduct, 4, 5),
     (Kind::Patches, 2, 1),
     (Kind::PatchesWithVisibility, 6, 6),
+    (Kind::Portals, 7, 2),
     (Kind::Direct, 7, 5),
     (Kind::Head, 1, 4),
     (Kind::HeadWithMis, 1, 7),
@@ -87,6 +90,7 @@ impl Kind {
         let is_product = matches!(source, Source::Patches(_) | Source::File(..));
         let has_visibility = *spec.visibility() != Visibility::None;
         match (spec.combiner(), source, companion) {
+            (_, Source::Portals(_), _) => Self::Portals,
             (Combiner::TwoSampleMis, ..) => Self::TwoSampleMis,
             (Combiner::Ris(_), ..) if is_product => Self::RisOfProduct,
             (Combiner::Ris(_), ..) => Self::Ris,
@@ -235,6 +239,7 @@ mod tests {
             ("patches:fine+vis", Kind::PatchesWithVisibility),
             ("head+patches:x", Kind::HeadOverPatches),
             ("head+patches+vis:x", Kind::HeadOverPatchesWithVisibility),
+            ("mis2:portals:x", Kind::Portals),
             ("auto", Kind::Auto),
             ("oracle+mis", Kind::Oracle),
             ("head+mis", Kind::HeadWithMis),

@@ -25,6 +25,7 @@ use headtail_render::{
     image::{Image, encode_exr, encode_png_rgb8},
     integrator::{View, learn_visibility},
     patches::Detail,
+    portals::{Portal, to_json},
     rival::{Rival, RivalFile, RivalKind},
     scene::{Camera, FspyProject, Scene, UpAxis},
     tail::{Tail, TailKind},
@@ -35,6 +36,12 @@ use headtail_train::{CheckpointFolder, FitConfig, Run, Viewpoints, build_target,
 fn picture(width: usize, height: usize) -> Image {
     let value = |k: usize| ((k * 37) % 19) as f32 * 0.25;
     Image { width, height, pixels: (0..width * height).map(|k| [value(k), value(k + 7), value(3 * k)]).collect() }
+}
+
+/// A file of two portals.
+pub fn portals() -> Vec<u8> {
+    let portal = |x: f32| Portal { center: Vec3A::X * x, normal: Vec3A::NEG_X, up: Vec3A::Y, width: 1.5, height: 2.0 };
+    to_json(&[portal(1.0), portal(-3.5)]).into_bytes()
 }
 
 /// Radiance files: flat, and run-length coded.

@@ -21,6 +21,7 @@ use headtail_render::{
     brdf::{NeuralTexture, neural::read_networks},
     export::ExportedSampler,
     image::{read_radiance, text_attributes},
+    portals,
     rival::RivalFile,
     scene::{FspyProject, MaterialSpec, Scene, UpAxis},
     spec::SamplerSpec,
@@ -107,6 +108,9 @@ fn readers_neither_panic_nor_exceed_memory_limits() {
     }
     if is_wanted("visibility") {
         fuzz("visibility", &[corpus::visibility(made.path())], |path, _| SceneVisibility::read(path).is_ok());
+    }
+    if is_wanted("portals") {
+        fuzz("portals.json", &[corpus::portals()], |path, _| portals::read(path).is_ok());
     }
     if is_wanted("nbrdf") {
         let read = |path: &Path, _: &[u8]| {

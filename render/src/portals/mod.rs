@@ -19,7 +19,6 @@ mod rays;
 #[cfg(test)]
 mod tests;
 
-use glam::Vec3A;
 use rayon::prelude::*;
 
 use self::{
@@ -27,46 +26,9 @@ use self::{
     plane::{Axes, Plane, Rectangle},
     rays::RoomRays,
 };
+pub use headtail_sampling::portals::*;
+
 use crate::scene::{Camera, Scene};
-
-/// A rectangle through which light enters.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Portal {
-    /// Its middle, in metres.
-    pub center: Vec3A,
-    /// Unit normal, into the room.
-    pub normal: Vec3A,
-    /// Unit direction of its height; `up x normal` is that of its width.
-    pub up: Vec3A,
-    /// Size in metres.
-    pub width: f32,
-    /// Size in metres.
-    pub height: f32,
-}
-
-impl Portal {
-    /// Returns the unit direction of its width.
-    pub fn right(&self) -> Vec3A {
-        self.up.cross(self.normal)
-    }
-
-    /// Returns the corners in metres, counter-clockwise as seen from inside the room.
-    pub fn corners(&self) -> [Vec3A; 4] {
-        let (x, y) = (0.5 * self.width * self.right(), 0.5 * self.height * self.up);
-        [self.center - x - y, self.center + x - y, self.center + x + y, self.center - x + y]
-    }
-
-    /// Returns whether a ray leaves the room through the rectangle.
-    fn is_crossed(&self, origin: Vec3A, direction: Vec3A) -> bool {
-        let along = -direction.dot(self.normal);
-        let t = (origin - self.center).dot(self.normal) / along;
-        let at = origin + t * direction - self.center;
-        along > 0.0
-            && t > 0.0
-            && at.dot(self.right()).abs() <= 0.5 * self.width
-            && at.dot(self.up).abs() <= 0.5 * self.height
-    }
-}
 
 /// The portals of a room.
 #[derive(Clone, Debug, PartialEq)]

@@ -41,7 +41,11 @@ impl Axes {
             *sum += facing;
         }
         let mut groups: Vec<(f32, Vec3A)> = areas.into_values().collect();
-        groups.sort_by(|a, b| b.0.total_cmp(&a.0).then_with(|| a.1.to_array().partial_cmp(&b.1.to_array()).unwrap()));
+        // Those of equal area by their coordinates, because the order of a hash map is random.
+        groups.sort_by(|(a, of_a), (b, of_b)| {
+            let by_axis = |axis: usize| of_a[axis].total_cmp(&of_b[axis]);
+            b.total_cmp(a).then_with(|| by_axis(0)).then_with(|| by_axis(1)).then_with(|| by_axis(2))
+        });
         let mut normals: Vec<Vec3A> = Vec::new();
         for normal in groups.iter().map(|(_, sum)| sum.normalize_or_zero()) {
             if normals.len() < MOST_NORMALS

@@ -12,6 +12,7 @@ use headtail_render::{
     image::Image,
     latlong,
     patches::{Detail, PatchSampler},
+    portals::{Portal, PortalSampler},
     random::{Purpose, Stream},
     sampler::*,
     simd::Lanes,
@@ -179,6 +180,9 @@ impl World {
             let selecting = random_head_of(Condition::GgxRoughness, Mode::Autoregressive, 8, &[], &[16, 1]);
             let over = OneSampleMis::new(over(Detail::Leaves, selecting), BrdfSampler);
             add("head over patches, and cosine", Box::new(over), true, false);
+            let portals = || PortalSampler::new(&box_of_portals(), environment);
+            add("portals", Box::new(portals()), false, false);
+            add("portals and cosine", Box::new(OneSampleMis::new(portals(), BrdfSampler)), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
         // A smooth tail that is unrelated to the light (and rarely draws a sun).
@@ -220,6 +224,22 @@ impl World {
             random.direction(),
         ]
     }
+}
+
+/// Returns the sides of a box around the origin, with gaps between them, and a smaller portal behind one.
+fn box_of_portals() -> Vec<Portal> {
+    let axes = [Vec3A::X, Vec3A::Y, Vec3A::Z];
+    let side = |normal: Vec3A, up: Vec3A, distance: f32, size: f32| Portal {
+        center: -distance * normal,
+        normal,
+        up,
+        width: size,
+        height: 0.9 * size,
+    };
+    let mut portals: Vec<Portal> =
+        (0..3).flat_map(|k| [axes[k], -axes[k]].map(|normal| side(normal, axes[(k + 1) % 3], 4.0, 7.6))).collect();
+    portals.push(side(Vec3A::new(0.6, -0.8, 0.0), Vec3A::new(0.8, 0.6, 0.0), 8.0, 6.0));
+    portals
 }
 
 /// Returns a flow tail that rotates rows relative to each other.

@@ -29,6 +29,7 @@ use headtail_render::{
     integrator::{Budget, Rendering, View, render},
     patches::Detail,
     points::{PointSet, Points},
+    portals::{Portal, to_json},
     random::{Purpose, Stream},
     sampler::EnvironmentLight,
     scene::{Material, MaterialSpec, Ray, Scene, TexturedMetallicRoughness, built_in_names},
@@ -143,6 +144,17 @@ fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
             .map(|name| name.parse().unwrap())
             .into();
     samplers.extend(exported(folder, environment));
+    // The sides of a box around the scenes: most light comes through them, and a sun does.
+    let portals = [Vec3A::X, Vec3A::NEG_X, Vec3A::Z, Vec3A::NEG_Z, Vec3A::NEG_Y].map(|normal| Portal {
+        center: -50.0 * normal,
+        normal,
+        up: normal.any_orthonormal_vector(),
+        width: 90.0,
+        height: 95.0,
+    });
+    let file = folder.join("portals.json");
+    std::fs::write(&file, to_json(&portals)).unwrap();
+    samplers.extend(["portals+mis", "mis2:portals"].map(|name| format!("{name}:{}", file.display()).parse().unwrap()));
     samplers
 }
 

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use glam::Affine3A;
+
 use super::{Combiner, SamplerSpec, Source, Visibility};
 use crate::{
     brdf::BrdfTable,
@@ -30,12 +32,14 @@ pub struct BuildContext<'a> {
     pub memory: usize,
     /// Whether learned visibility is used even where its predicted gain is below its cost.
     pub always: bool,
+    /// The rigid motion of the scene since its portals were placed.
+    pub motion: Affine3A,
 }
 
 impl Default for BuildContext<'_> {
-    /// No scene; 64 MiB of visibility, used where it pays off.
+    /// No scene, not moved; 64 MiB of visibility, used where it pays off.
     fn default() -> Self {
-        Self { scene: None, memory: LearnedVisibility::MEMORY, always: false }
+        Self { scene: None, memory: LearnedVisibility::MEMORY, always: false, motion: Affine3A::IDENTITY }
     }
 }
 

@@ -21,12 +21,18 @@ const fn form(purpose: Purpose, form: &'static str, what: &'static str) -> Form 
 }
 
 /// The forms that are not in [`NAMED`].
-const COMPOUND: [Form; 15] = [
+const COMPOUND: [Form; 17] = [
     form(Purpose::Use, "split:N:SOURCE", "the mean of N directions from another form, as in split:4:patches+vis"),
     form(Purpose::Use, "patches+vis", "patches with visibility that is learned before the picture"),
     form(Purpose::Use, "patches+vis:FILE", "with visibility from a file of bake --visibility"),
     form(Purpose::Use, "patches:fine+vis", "patches:fine with learned visibility"),
     form(Purpose::Use, "direct:FILE", "light x cosine, tabulated over normals by bake --direct"),
+    form(
+        Purpose::Use,
+        "mis2:portals:FILE",
+        "the light through a room's portals (inspect --portals) and BRDF sampling in two-sample MIS",
+    ),
+    form(Purpose::Use, "portals+mis:FILE", "the same in one-sample MIS"),
     form(Purpose::Paper, "head+mis:FILE", "a trained head and the map's tail beside BRDF sampling (fit)"),
     form(Purpose::Paper, "head:FILE", "head and tail alone"),
     form(Purpose::Paper, "head+patches:FILE", "a trained head before patches (fit --over patches)"),

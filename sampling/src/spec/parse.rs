@@ -2,7 +2,10 @@
 
 use std::str::FromStr;
 
-use super::{Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms, source::NAMED};
+use super::{
+    Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms,
+    source::{NAMED, PORTALS},
+};
 use crate::{
     error::{Error, Result},
     estimator::Split,
@@ -125,6 +128,9 @@ fn source_with_file(name: &str) -> Option<(WithFile, Companion)> {
     };
     if let Some(kind) = FileKind::ALL.into_iter().find(|kind| kind.name() == base) {
         return Some((Box::new(move |file| Source::File(kind, file)), companion));
+    }
+    if base == PORTALS {
+        return Some((Box::new(Source::Portals), companion));
     }
     let family = RivalFamily::ALL.into_iter().find(|family| family.name() == base)?;
     Some((Box::new(move |file| Source::Rival(family, file)), companion))

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{
     Combiner, Companion, SamplerSpec, Source, Visibility,
-    source::{NAMED, Named},
+    source::{NAMED, Named, PORTALS},
 };
 use crate::path_text::text_of;
 
@@ -22,6 +22,7 @@ impl fmt::Display for SamplerSpec {
         }
         match source {
             Source::File(kind, _) => f.write_str(kind.name())?,
+            Source::Portals(_) => f.write_str(PORTALS)?,
             Source::Rival(family, _) => f.write_str(family.name())?,
             _ => {
                 let is_own = |named: &&Named| named.source == *source && named.companion == *companion;

@@ -13,6 +13,7 @@ use crate::{
     error::{Error, Result},
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
+    portals::{self, PortalSampler},
     rival::{RivalKind, RivalSampler},
     sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
@@ -35,6 +36,8 @@ pub enum Source {
     Patches(Detail),
     /// The product, tabulated at every shading point.
     Oracle,
+    /// Portal-masked sampling through the portals of a file, which needs BRDF sampling beside it.
+    Portals(PathBuf),
     /// A sampler in a file.
     File(FileKind, PathBuf),
     /// Another method's sampler, trained for a material.
@@ -106,6 +109,9 @@ pub(super) static NAMED: [Named; 10] = [
     ),
     named("oracle+mis", Source::Oracle, Companion::Brdf, ("the same beside BRDF sampling", Purpose::Study)),
 ];
+
+/// The name of [`Source::Portals`].
+pub(super) const PORTALS: &str = "portals";
 
 /// The content of a sampler's file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,7 +196,7 @@ impl RivalFamily {
 impl Source {
     pub(super) fn file(&self) -> Option<&Path> {
         match self {
-            Self::File(_, file) | Self::Rival(_, file) => Some(file),
+            Self::File(_, file) | Self::Rival(_, file) | Self::Portals(file) => Some(file),
             _ => None,
         }
     }
@@ -201,7 +207,7 @@ impl Source {
             (Self::File(FileKind::HeadOverPatches, _), Companion::Brdf) => {
                 Some("'head+patches' is beside BRDF sampling already")
             }
-            (Self::File(..), Companion::None | Companion::Brdf) => None,
+            (Self::File(..) | Self::Portals(_), Companion::None | Companion::Brdf) => None,
             (Self::Rival(..), Companion::None | Companion::Emitter) => None,
             (Self::Rival(..), Companion::Brdf) => Some("has no form beside BRDF sampling"),
             (_, Companion::Emitter) => Some("only neusample and reparam are placed beside emitter sampling"),
@@ -236,6 +242,10 @@ impl Source {
             }
             Self::Auto => return Self::Patches(Detail::Leaves).build(companion, environment, context),
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
+            Self::Portals(file) => {
+                let portals: Vec<_> = portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect();
+                Arc::new(PortalSampler::new(&portals, environment))
+            }
             Self::File(kind, file) => {
                 let is_mixed = is_mixed || *kind == FileKind::HeadOverPatches;
                 let built = kind.read(file)?.sampler(environment, is_mixed);
