@@ -5,7 +5,7 @@ use std::{fs, path::Path};
 
 /// Folders and files of `sampling/src` or `render/src` that affect directions, densities, pictures or their
 /// time.
-const SOURCES: [&str; 32] = [
+const SOURCES: [&str; 33] = [
     "bake",
     "batch.rs",
     "brdf",
@@ -21,6 +21,7 @@ const SOURCES: [&str; 32] = [
     "morton.rs",
     "patches",
     "points",
+    "portals",
     "random.rs",
     "rival",
     "sampler",

@@ -8,8 +8,8 @@ use crate::{
 };
 
 /// Tolerance of the mean luminance: it covers the pixels that surfaces cover entirely, and which those are at
-/// edges depends on the samples.
-const MEAN: f64 = 1e-2;
+/// edges depends on the samples. Beside a bright window, few pixels are 4 % of the light.
+const MEAN: f64 = 5e-2;
 
 /// Result of a verification.
 #[derive(Debug, Default)]
@@ -21,7 +21,7 @@ pub struct Verification {
 }
 
 /// Renders first runs of `views` measured views again, evenly chosen, with the same numbers of samples, and
-/// compares rays per sample and largest contributions to the digit, and the mean luminance within 1 %. Skips pictures
+/// compares rays per sample and largest contributions to the digit, and the mean luminance within 5 %. Skips pictures
 /// of `auto` at budgets of seconds, whose sampler depends on the clock.
 ///
 /// # Errors

@@ -66,6 +66,9 @@ struct Opening {
 
 impl PortalSampler {
     /// Resamples a map to the frame of each portal: up to 4 MB for each pair of axes.
+    ///
+    /// # Panics
+    /// Its methods panic if there are no portals.
     pub fn new(portals: &[Portal], environment: &Environment) -> Self {
         let mut openings: Vec<Opening> = Vec::new();
         for &portal in portals {

@@ -86,7 +86,7 @@ fn draws_pass_through_portals_above_the_horizon_with_their_pdf() {
 }
 
 #[test]
-fn nothing_is_drawn_outside_the_room_or_without_light() {
+fn points_outside_the_room_draw_nothing_and_extreme_portals_are_finite() {
     let map = built_in("window").unwrap();
     let nowhere = |point: ShadingPoint, sampler: &PortalSampler| {
         let at = AtPoint::new(sampler, &point);

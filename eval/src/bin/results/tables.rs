@@ -190,13 +190,14 @@ impl Data {
     }
 }
 
-/// Returns the groups of views in columns: by material or by the block's `columns` key, and all views.
+/// Returns the groups of views in columns: by the block's `columns` key (material, scene, light or tuned), and all views.
 fn groups<'a>(shown: &'a Shown<'_>, block: &Block) -> Result<Vec<(String, Vec<&'a ViewRuns>)>> {
     let name = |view: &ViewRuns| -> Result<String> {
         let map = shown.experiment.map(&view.key.map);
         let is_interior = shown.experiment.scene(&view.key.scene).is_some_and(|scene| scene.interior);
         Ok(match block.get("columns").unwrap_or("material") {
             "material" => view.key.material.clone(),
+            "scene" => view.key.scene.clone(),
             "light" if is_interior => "interiors".into(),
             "light" => map.map(|map| map.kind.clone()).unwrap_or_default(),
             "tuned" if shown.experiment.is_tuned(&view.key) => "tuned".into(),
