@@ -36,7 +36,7 @@ const NONE: u16 = u16::MAX;
 ///
 /// ```
 /// use glam::Vec3A;
-/// use headtail_sampling::{environment::built_in, portals::{Portal, PortalSampler}};
+/// use headtail_sampling::{environment::Environment, portals::{Portal, PortalSampler}};
 ///
 /// let window = Portal {
 ///     center: Vec3A::new(2.0, 1.5, 0.0),
@@ -45,7 +45,7 @@ const NONE: u16 = u16::MAX;
 ///     width: 1.0,
 ///     height: 1.2,
 /// };
-/// let sampler = PortalSampler::new(&[window], &built_in("sunset")?);
+/// let sampler = PortalSampler::new(&[window], &Environment::open("sunset")?);
 /// # Ok::<(), headtail_sampling::Error>(())
 /// ```
 #[derive(Clone, Debug)]
