@@ -5,10 +5,9 @@
 Three programs are built from the commit BASE, two of them with a patch: `point.patch` evaluates BRDF times cosine once,
 in the mean direction of a patch (Conty Estevez and Lecocq 2018), `gaussian.patch` computes masses from one variance per
 patch, as for a spherical Gaussian (after Tokuyoshi et al. 2024). All render the same shadowed views with the same samples.
-Prints for each map and surface the mean squared error over that of the closed form, and the same times the ratio of the
-seconds, as JSON. Finished programs and measurements in the working folder are not repeated."""
+Prints for each surface the geometric mean over maps of the mean squared error over that of the closed form, and of the same
+times the ratio of the seconds, as JSON. Finished programs and measurements in the working folder are not repeated."""
 
-import argparse
 import csv
 import json
 import math
@@ -17,7 +16,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
-from run import BASE, HERE, ROOT
+from run import BASE, HERE, ROOT, folders
 
 FORMS = {"own": None, "point": "one evaluation", "gaussian": "spherical Gaussians"}
 EXPERIMENT = HERE / "earlier.toml"
@@ -56,23 +55,17 @@ def means(rows):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", type=Path, required=True, help="folder of maps and scenes")
-    parser.add_argument("--work", type=Path, required=True, help="folder of programs and measurements")
-    options = parser.parse_args()
-    data, work = options.data.resolve(), options.work.resolve()
-    work.mkdir(parents=True, exist_ok=True)
+    data, work = folders(__doc__)
     measured = {form: means(measure(form, data, work)) for form in FORMS}
-    table, logarithms = [], {}
+    logarithms = {}
     for form, label in FORMS.items():
         for (material, sampler, name), (error, seconds) in measured[form].items() if label else []:
             own_error, own_seconds = measured["own"][material, sampler, name]
             ratios = {"samples": error / own_error, "time": error * seconds / (own_error * own_seconds)}
             for budget, ratio in ratios.items():
                 logarithms.setdefault((f"{material}, {sampler}", f"{label}, equal {budget}"), []).append(math.log(ratio))
-    for (surface, form), values in logarithms.items():
-        table.append({"surface": surface, "form": form, "ratio": math.exp(sum(values) / len(values))})
-    print(json.dumps(table))
+    mean = lambda values: math.exp(sum(values) / len(values))
+    print(json.dumps([{"surface": surface, "form": form, "ratio": mean(own)} for (surface, form), own in logarithms.items()]))
 
 
 if __name__ == "__main__":

@@ -61,13 +61,19 @@ def errors(program, data, out, material, name, reference):
     return {sampler: sum(values) / len(values) for sampler, values in sums.items()}
 
 
-def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def folders(description):
+    """Returns the folders of the command line: data, and work, which is made."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=Path, required=True, help="folder of maps and scenes")
-    parser.add_argument("--work", type=Path, required=True, help="folder of programs and comparisons")
+    parser.add_argument("--work", type=Path, required=True, help="folder of programs and results")
     options = parser.parse_args()
     data, work = options.data.resolve(), options.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
+    return data, work
+
+
+def main():
+    data, work = folders(__doc__)
     closed_form, exact = (build(work, patched) for patched in (False, True))
     rows, logarithms = [], {}
     for name in MAPS:
