@@ -136,6 +136,25 @@ pub(crate) fn open(
     Ok((view, entries))
 }
 
+/// Returns the cache folder of references.
+fn references(options: &RunOptions) -> PathBuf {
+    options.cache.join("references")
+}
+
+/// Returns the reference of a view, from the cache if it holds it.
+pub(crate) fn reference(
+    experiment: &Experiment,
+    view: &OpenedView,
+    options: &RunOptions,
+    stop: &AtomicBool,
+) -> Result<Reference> {
+    let policy = ReferencePolicy {
+        most_samples: experiment.reference_samples.saturating_mul(MOST_REFINEMENT),
+        ..ReferencePolicy::new(experiment.reference_samples, experiment.seed)
+    };
+    Reference::obtain(view, policy, Some(&references(options)), stop, &|_| {})
+}
+
 fn measure_view(
     experiment: &Experiment,
     key: &ViewKey,
@@ -145,12 +164,7 @@ fn measure_view(
 ) -> Result<Vec<Measurement>> {
     watch.message(&format!("{}: {} under {}, {}", experiment.name, key.scene, key.map, key.material));
     let (view, entries) = open(experiment, key, samplers, options, (stop, watch))?;
-    let references = options.cache.join("references");
-    let policy = ReferencePolicy {
-        most_samples: experiment.reference_samples.saturating_mul(MOST_REFINEMENT),
-        ..ReferencePolicy::new(experiment.reference_samples, experiment.seed)
-    };
-    let mut reference = Reference::obtain(&view, policy, Some(&references), stop, &|_| {})?;
+    let mut reference = reference(experiment, &view, options, stop)?;
     let plan = Plan {
         scene: key.scene.clone(),
         env: key.map.clone(),
@@ -158,7 +172,7 @@ fn measure_view(
         budgets: experiment.budgets.iter().map(|entry| entry.0).collect(),
         runs: experiment.runs,
         seed: experiment.seed,
-        cache: Some(references),
+        cache: Some(references(options)),
     };
     let measured = engine::measure(&view, &entries, &mut reference, &plan, (stop, watch), &mut |_| Ok::<_, Error>(()))?;
     // Samplers are independent techniques, so each must have the reference's mean in every tile.
