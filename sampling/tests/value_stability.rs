@@ -12,8 +12,9 @@ use headtail_sampling::{
     environment::built_in,
     portals::{Portal, PortalSampler},
     random::{Purpose, Stream},
-    sampler::{AtPoint, BrdfSampler, OneSampleMis, Sampler},
+    sampler::{AtPoint, BrdfSampler, EnvironmentLight, OneSampleMis, Sampler},
     spec::{SamplerSpec, forms},
+    tail::TailKind,
     tile::ShadingPoint,
 };
 
@@ -44,7 +45,8 @@ fn rows() -> Vec<Row> {
         width: 1.5,
         height: 1.0,
     };
-    let portals = PortalSampler::new(&[window(2.0), window(-1.2)], &environment);
+    let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical).unwrap();
+    let portals = PortalSampler::new(&[window(2.0), window(-1.2)], &environment).beside_emitter(light);
     let portals: Arc<dyn Sampler> = Arc::new(OneSampleMis::new(portals, BrdfSampler));
     for (form, sampler) in named.chain([("portals+mis", portals)]) {
         for (name, surface) in surfaces {

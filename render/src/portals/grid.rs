@@ -4,7 +4,7 @@ use glam::{IVec2, Vec2};
 
 use super::{
     plane::{Plane, Rectangle},
-    rays::RoomRays,
+    projection::Projection,
 };
 
 /// Cells along the longer side of the scene.
@@ -25,20 +25,20 @@ pub struct Grid {
 }
 
 impl Grid {
-    pub fn new(plane: &Plane, rays: &RoomRays) -> Self {
-        let (low, high) = plane.extent;
+    /// Counts the rays of a projection on one of its planes; `weights` are those of open and blocked rays.
+    pub fn new(projection: &Projection, plane: Plane, weights: [f32; 2]) -> Self {
+        let [low, high] = projection.extent();
         let cell = ((high - low).max_element() / CELLS).max(f32::MIN_POSITIVE);
         let size = ((high - low) / cell).ceil().as_ivec2().max(IVec2::ONE);
         let cells = (size.x * size.y) as usize;
-        let mut grid =
-            Self { size, origin: low, cell, open: vec![0; cells], blocked: vec![0; cells], weights: rays.weights };
-        for ray in &rays.open {
-            if let Some(cell) = plane.crossing(ray).and_then(|at| grid.cell_at(at)) {
+        let mut grid = Self { size, origin: low, cell, open: vec![0; cells], blocked: vec![0; cells], weights };
+        for at in projection.open(plane) {
+            if let Some(cell) = grid.cell_at(at) {
                 grid.open[cell] += 1;
             }
         }
-        for ray in &rays.blocked {
-            if let Some(cell) = plane.crossing(ray).and_then(|at| grid.cell_at(at)) {
+        for at in projection.blocked(plane) {
+            if let Some(cell) = grid.cell_at(at) {
                 grid.blocked[cell] += 1;
             }
         }

@@ -4,17 +4,20 @@
 //! They are found from rays alone: on the plane of an opening, the rays that leave the room fill the smallest
 //! area. Planes parallel to large surfaces are searched greedily for the rectangle that maximises `e^2 / a`, of
 //! `a` rays that cross it and `e` that also reach the environment; the rays through it are removed, and the
-//! search goes on with the rest.
+//! search goes on with the rest. With fewer rays scores hardly rise, so that only the planes that were the best
+//! ones before are scored again.
 //!
 //! | file | concept |
 //! | --- | --- |
 //! | `mod.rs` | portals; the greedy search |
 //! | `rays.rs` | rays from the surfaces of a room |
 //! | `plane.rs` | planes, and rectangles on them |
+//! | `projection.rs` | rays as lines over the planes of one normal |
 //! | `grid.rs` | the rectangles in which the rays cross a plane |
 
 mod grid;
 mod plane;
+mod projection;
 mod rays;
 #[cfg(test)]
 mod tests;
@@ -23,7 +26,8 @@ use rayon::prelude::*;
 
 use self::{
     grid::Grid,
-    plane::{Axes, Plane, Rectangle},
+    plane::{Plane, Rectangle, normals},
+    projection::Projection,
     rays::RoomRays,
 };
 pub use headtail_sampling::portals::*;
@@ -50,8 +54,10 @@ const MOST: usize = 16;
 /// Fraction of the rays reaching the environment below which a rectangle is not proposed.
 const LEAST: f32 = 0.004;
 /// Positions of planes of one normal, then of the refinement around the best one.
-const STEPS: usize = 160;
+const STEPS: usize = 80;
 const FINE_STEPS: usize = 32;
+/// Planes that are scored again at once; more of them than threads.
+const BATCH: usize = 8;
 
 impl Portals {
     /// Finds the portals of the room that a camera is in. Rays follow diffuse paths from the visible surfaces.
@@ -59,19 +65,7 @@ impl Portals {
     pub fn find(scene: &Scene, camera: &Camera) -> Self {
         let rays = RoomRays::trace(scene, camera, SEARCH);
         let openness = rays.openness();
-        let axes = Axes::of(scene);
-        let mut remaining = rays.thinned();
-        let total = remaining.open.len() as f32;
-        let mut portals = Vec::new();
-        while portals.len() < MOST && remaining.open.len() as f32 > LEAST * total {
-            let Some(portal) = best(scene, &axes, &remaining) else { break };
-            let before = remaining.open.len();
-            remaining.open.retain(|ray| !portal.is_crossed(ray.origin, ray.direction));
-            if (before - remaining.open.len()) as f32 <= LEAST * total {
-                break;
-            }
-            portals.push(portal);
-        }
+        let portals = search(scene, &rays.thinned());
         let others = RoomRays::trace(scene, camera, COVERAGE).open;
         let is_covered =
             |ray: &&crate::scene::Ray| portals.iter().any(|portal| portal.is_crossed(ray.origin, ray.direction));
@@ -80,28 +74,73 @@ impl Portals {
     }
 }
 
+/// Returns the portals that rays leave a room through.
+fn search(scene: &Scene, rays: &RoomRays) -> Vec<Portal> {
+    let least = LEAST * rays.open.len() as f32;
+    let mut projections: Vec<Projection> =
+        normals(scene).into_iter().map(|(normal, up)| Projection::new(scene, [normal, up], rays)).collect();
+    let mut candidates: Vec<Candidate> = (0..projections.len() * STEPS).map(Candidate::unknown).collect();
+    candidates.par_iter_mut().for_each(|candidate| candidate.score_on(&projections, rays));
+    let (mut remaining, mut portals) = (rays.open.clone(), Vec::new());
+    while portals.len() < MOST && remaining.len() as f32 > least {
+        let Some(portal) = best(&projections, &mut candidates, rays) else { break };
+        let before = remaining.len();
+        remaining.retain(|ray| !portal.is_crossed(ray.origin, ray.direction));
+        if (before - remaining.len()) as f32 <= least {
+            break;
+        }
+        projections.par_iter_mut().for_each(|own| own.remove(&portal, rays));
+        candidates.iter_mut().for_each(|candidate| candidate.is_current = false);
+        portals.push(portal);
+    }
+    portals
+}
+
+/// A plane and its best rectangle.
+struct Candidate {
+    number: usize,
+    score: f32,
+    rectangle: Option<Rectangle>,
+    /// Whether no rays were removed since it was scored.
+    is_current: bool,
+}
+
+impl Candidate {
+    fn unknown(number: usize) -> Self {
+        Self { number, score: 0.0, rectangle: None, is_current: false }
+    }
+
+    fn plane(&self, projections: &[Projection]) -> Plane {
+        projections[self.number / STEPS].plane(self.number % STEPS, STEPS)
+    }
+
+    fn score_on(&mut self, projections: &[Projection], rays: &RoomRays) {
+        let projection = &projections[self.number / STEPS];
+        let best = Grid::new(projection, self.plane(projections), rays.weights).best();
+        let (score, rectangle) = best.map_or((0.0, None), |(score, rectangle)| (score, Some(rectangle)));
+        *self = Self { score, rectangle, is_current: true, ..*self };
+    }
+}
+
 /// Returns the rectangle of the highest score on all planes.
-fn best(scene: &Scene, axes: &Axes, rays: &RoomRays) -> Option<Portal> {
-    let planes: Vec<Plane> = axes.planes(scene, STEPS).collect();
-    let (plane, rectangle) = highest(&planes, rays)?;
+fn best(projections: &[Projection], candidates: &mut [Candidate], rays: &RoomRays) -> Option<Portal> {
+    // Equal scores are told apart by the number, so that the result does not depend on threads.
+    let by_score = |a: &Candidate, b: &Candidate| b.score.total_cmp(&a.score).then(a.number.cmp(&b.number));
+    candidates.sort_by(by_score);
+    while !candidates.first()?.is_current {
+        let outdated = candidates.iter_mut().filter(|candidate| !candidate.is_current);
+        let batch: Vec<&mut Candidate> = outdated.take(BATCH).collect();
+        batch.into_par_iter().for_each(|candidate| candidate.score_on(projections, rays));
+        candidates.sort_by(by_score);
+    }
+    let (rectangle, projection) = (candidates[0].rectangle?, &projections[candidates[0].number / STEPS]);
     // Between the neighbouring positions, the rays are closest together on the plane of the opening. Where it is
     // deep, rays from its sides cross the outer plane alone.
-    let fine: Vec<Plane> = plane.around(FINE_STEPS).collect();
+    let fine: Vec<Plane> = candidates[0].plane(projections).around(FINE_STEPS).collect();
     let fitted = fine.par_iter().enumerate().filter_map(|(number, plane)| {
-        let (fitted, crossings) = rectangle.fitted(plane, rays)?;
+        let (fitted, crossings) = rectangle.fitted(projection, plane)?;
         Some((crossings * crossings / fitted.area(), number, fitted))
     });
     let (_, number, fitted) = fitted.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
-    Some(fine[number].portal(&fitted.with_margin()))
-}
-
-/// Returns the rectangle of the highest score, and its plane.
-fn highest(planes: &[Plane], rays: &RoomRays) -> Option<(Plane, Rectangle)> {
-    let scored = planes.par_iter().enumerate().filter_map(|(number, plane)| {
-        let (score, rectangle) = Grid::new(plane, rays).best()?;
-        Some((score, number, rectangle))
-    });
-    // Equal scores are told apart by the number, so that the result does not depend on threads.
-    let (_, number, rectangle) = scored.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;
-    Some((planes[number], rectangle))
+    Some(projection.portal(&fine[number], &fitted.with_margin()))
 }

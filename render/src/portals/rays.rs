@@ -12,13 +12,13 @@ use crate::{
 };
 
 /// Pixels that paths start at.
-const WIDTH: usize = 160;
-const HEIGHT: usize = 120;
+const WIDTH: usize = 96;
+const HEIGHT: usize = 72;
 /// Surfaces on a path, and rays from each.
 const SURFACES: usize = 4;
 const RAYS: usize = 8;
-/// Rays of each kind that planes are searched with.
-const MOST: usize = 30_000;
+/// Rays that planes are searched with: those that reach the environment, and the others.
+const MOST: [usize; 2] = [16_000, 8_000];
 
 /// Rays that reach the environment, and those that hit a surface.
 pub struct RoomRays {
@@ -44,13 +44,13 @@ impl RoomRays {
 
     /// Returns a subset of the rays, evenly spread, with weights that stand for all.
     pub fn thinned(self) -> Self {
-        let some = |rays: Vec<Ray>| {
-            let step = rays.len().div_ceil(MOST).max(1);
+        let some = |rays: Vec<Ray>, most: usize| {
+            let step = rays.len().div_ceil(most).max(1);
             let kept: Vec<Ray> = rays.iter().step_by(step).copied().collect();
             let weight = rays.len() as f32 / kept.len().max(1) as f32;
             (kept, weight)
         };
-        let ((open, of_open), (blocked, of_blocked)) = (some(self.open), some(self.blocked));
+        let ((open, of_open), (blocked, of_blocked)) = (some(self.open, MOST[0]), some(self.blocked, MOST[1]));
         Self { open, blocked, weights: [of_open, of_blocked] }
     }
 }

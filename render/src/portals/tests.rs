@@ -95,3 +95,10 @@ fn closed_rooms_and_empty_views_have_no_portals() {
     let found = Portals::find(&plane, &away);
     assert!(found.portals.is_empty() && found.openness == 0.0 && found.coverage == 0.0, "{found:?}");
 }
+
+#[test]
+fn round_scenes_are_searched_along_few_normals() {
+    let sphere = Scene::built_in("sphere").unwrap();
+    let found = Portals::find(&sphere, &sphere.camera());
+    assert!(found.openness > 0.9 && found.portals.iter().all(|portal| portal.width > 0.0), "{found:?}");
+}

@@ -182,7 +182,9 @@ impl World {
             add("head over patches, and cosine", Box::new(over), true, false);
             let portals = || PortalSampler::new(&box_of_portals(), environment);
             add("portals", Box::new(portals()), false, false);
-            add("portals and cosine", Box::new(OneSampleMis::new(portals(), BrdfSampler)), true, false);
+            let both = || portals().beside_emitter(light.clone());
+            add("portals and emitter", Box::new(both()), true, false);
+            add("portals, emitter and cosine", Box::new(OneSampleMis::new(both(), BrdfSampler)), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
         // A smooth tail that is unrelated to the light (and rarely draws a sun).

@@ -1,7 +1,8 @@
 //! Portal-masked sampling: directions in proportion to the light that comes through portals.
 //!
 //! After Bitterli, Novák and Jarosz 2015, "Portal-Masked Environment Map Sampling". Here a portal is chosen in proportion to its light
-//! times the mean cosine of its corners and its middle, which is 0 where it is below the horizon of the surface.
+//! times the mean cosine of its corners and its middle, which is 0 where it is below the horizon of the surface. Emitter sampling
+//! beside it finds the light that portals miss: with a few of the samples, a sun through a crack is noise and not a rare surprise.
 
 use std::sync::Arc;
 
@@ -15,7 +16,7 @@ use crate::{
     columns::{Arena, vectorized},
     discrete::remap,
     environment::Environment,
-    sampler::{Coverage, Draws, Sampler},
+    sampler::{Coverage, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, Sampler, prepared},
     simd::{LANES, Lanes},
     tile::Rows,
 };
@@ -28,15 +29,25 @@ const CHANCE: usize = 8;
 /// Distance of a point from the plane of a portal over its size, below which the point is not inside.
 const LEAST_DISTANCE: f32 = 1e-5;
 
+/// Fraction of the samples beside emitter sampling, at points that see a portal.
+const MIXTURE_WEIGHT: f32 = 0.875;
+
 /// The number of no portal.
 const NONE: u16 = u16::MAX;
 
-/// Samples the light that comes through portals. Its pdf is 0 in directions that pass through none of them, so that it is a partner of
-/// BRDF sampling.
+/// Samples the light that comes through portals. Its pdf is 0 in directions that pass through none of them; see
+/// [`Self::beside_emitter`].
 ///
 /// ```
+/// use std::sync::Arc;
+///
 /// use glam::Vec3A;
-/// use headtail_sampling::{environment::Environment, portals::{Portal, PortalSampler}};
+/// use headtail_sampling::{
+///     environment::Environment,
+///     portals::{Portal, PortalSampler},
+///     sampler::EnvironmentLight,
+///     tail::TailKind,
+/// };
 ///
 /// let window = Portal {
 ///     center: Vec3A::new(2.0, 1.5, 0.0),
@@ -45,7 +56,9 @@ const NONE: u16 = u16::MAX;
 ///     width: 1.0,
 ///     height: 1.2,
 /// };
-/// let sampler = PortalSampler::new(&[window], &Environment::open("sunset")?);
+/// let environment = Arc::new(Environment::open("sunset")?);
+/// let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
+/// let sampler = PortalSampler::new(&[window], &environment).beside_emitter(light);
 /// # Ok::<(), headtail_sampling::Error>(())
 /// ```
 #[derive(Clone, Debug)]
@@ -81,6 +94,12 @@ impl PortalSampler {
             openings.push(Opening { portal, axes, half: [0.5 * portal.width, 0.5 * portal.height], image });
         }
         Self { openings }
+    }
+
+    /// Returns the mixture with emitter sampling of the same map, which draws all light: 1 of 8 samples from emitter sampling where a
+    /// portal is seen, else all.
+    pub fn beside_emitter(self, light: EnvironmentLight) -> OneSampleMis<Self, EmitterSampler> {
+        OneSampleMis::new(self, EmitterSampler::new(light))
     }
 
     /// Returns whether two portals have one image.
@@ -236,6 +255,25 @@ vectorized! {
 impl Sampler for PortalSampler {
     fn columns(&self) -> usize {
         COLUMNS * self.openings.len()
+    }
+
+    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+        prepared(self, at, arena, |state| self.mixture_weight_of_state(at, state, out, arena));
+    }
+
+    fn has_mixture_weight_in_state(&self) -> bool {
+        true
+    }
+
+    fn mixture_weight_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
+        out.fill([0.0; LANES]);
+        for (out, state) in out.iter_mut().zip(state.chunks_exact(self.columns().max(1))) {
+            for state in state.chunks_exact(COLUMNS) {
+                for lane in 0..LANES {
+                    out[lane] = if state[CHANCE][lane] > 0.0 { MIXTURE_WEIGHT } else { out[lane] };
+                }
+            }
+        }
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], _arena: &Arena) {

@@ -68,8 +68,8 @@ pub trait Sampler: Send + Sync {
     /// directions that it never draws.
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena);
 
-    /// Computes the mixture weight of this sampler in a mixture with BRDF sampling, in (0, 1): 0.5, unless
-    /// the sampler has learned one.
+    /// Computes the mixture weight of this sampler in [`OneSampleMis`], in `[0, 1]`: 0.5, unless the sampler has
+    /// its own.
     fn mixture_weight(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
         out.as_flattened_mut().fill(0.5);
     }

@@ -116,10 +116,6 @@ impl SamplerSpec {
         if let Some(reason) = source.fault_beside(*companion) {
             return Some(reason);
         }
-        let is_alone = *companion == Companion::None && *combiner != Combiner::TwoSampleMis;
-        if matches!(source, Source::Portals(_)) && is_alone {
-            return Some("covers only the light through portals; use mis2:portals:FILE or portals+mis:FILE");
-        }
         if *visibility == Visibility::None {
             return None;
         }

@@ -36,7 +36,7 @@ pub enum Source {
     Patches(Detail),
     /// The product, tabulated at every shading point.
     Oracle,
-    /// Portal-masked sampling through the portals of a file, which needs BRDF sampling beside it.
+    /// Portal-masked sampling through the portals of a file, beside emitter sampling.
     Portals(PathBuf),
     /// A sampler in a file.
     File(FileKind, PathBuf),
@@ -244,7 +244,7 @@ impl Source {
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
             Self::Portals(file) => {
                 let portals: Vec<_> = portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect();
-                Arc::new(PortalSampler::new(&portals, environment))
+                Arc::new(PortalSampler::new(&portals, environment).beside_emitter(light()?))
             }
             Self::File(kind, file) => {
                 let is_mixed = is_mixed || *kind == FileKind::HeadOverPatches;
