@@ -39,7 +39,7 @@ impl Projection {
     pub fn new(scene: &Scene, [outward, up]: [Vec3A; 2], rays: &RoomRays) -> Self {
         let right = outward.cross(up);
         let own = |v: Vec3A| Vec3A::new(v.dot(right), v.dot(up), v.dot(outward));
-        let corners = scene.bounds().corners().map(|corner| own(corner.into()));
+        let corners = scene.bounds().corners().map(own);
         let bounds = [
             corners.iter().copied().fold(Vec3A::INFINITY, Vec3A::min),
             corners.iter().copied().fold(Vec3A::NEG_INFINITY, Vec3A::max),
@@ -61,7 +61,7 @@ impl Projection {
 
     /// Returns the lowest and highest coordinates that the scene has on its planes.
     pub fn extent(&self) -> [Vec2; 2] {
-        self.bounds.map(|corner| corner.truncate())
+        self.bounds.map(Vec3A::truncate)
     }
 
     /// Returns one of `count` planes across the scene.
