@@ -138,7 +138,7 @@ fn best(projections: &[Projection], candidates: &mut [Candidate], rays: &RoomRay
     // deep, rays from its sides cross the outer plane alone.
     let fine: Vec<Plane> = candidates[0].plane(projections).around(FINE_STEPS).collect();
     let fitted = fine.par_iter().enumerate().filter_map(|(number, plane)| {
-        let (fitted, crossings) = rectangle.fitted(projection, plane)?;
+        let (fitted, crossings) = projection.fitted(&rectangle, *plane)?;
         Some((crossings * crossings / fitted.area(), number, fitted))
     });
     let (_, number, fitted) = fitted.max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))?;

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use glam::{IVec3, Vec2, Vec3A};
 
-use super::projection::Projection;
 use crate::scene::Scene;
 
 /// Normals that planes are searched with, at least and at most.
@@ -14,9 +13,7 @@ const MOST_NORMALS: usize = 8;
 const LEAST_AREA: f32 = 0.02;
 /// Normals whose cosine exceeds this are the same.
 const SAME: f32 = 0.9995;
-/// Fraction of the crossings that may lie outside on each side of a rectangle, and the margin added, as a
-/// fraction of its size.
-const OUTLIERS: f32 = 0.001;
+/// Margin added on each side of a rectangle, as a fraction of its size.
 const MARGIN: f32 = 0.01;
 
 /// Returns the normals of large surfaces on both sides, of walls, ceilings and sloping roofs, and the direction of the height
@@ -97,24 +94,6 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// Returns the rectangle of the crossings within this one, without outliers, and their number; `None` without
-    /// crossings.
-    pub fn fitted(&self, projection: &Projection, plane: &Plane) -> Option<(Self, f32)> {
-        let inside = |p: &Vec2| p.cmpge(self.low).all() && p.cmple(self.high).all();
-        let points: Vec<Vec2> = projection.open(*plane).filter(inside).collect();
-        if points.is_empty() {
-            return None;
-        }
-        let outside = (OUTLIERS * points.len() as f32) as usize;
-        let [(left, right), (bottom, top)] = [0, 1].map(|axis| {
-            let mut values: Vec<f32> = points.iter().map(|point| point[axis]).collect();
-            let last = values.len() - 1 - outside;
-            let low = *values.select_nth_unstable_by(outside, f32::total_cmp).1;
-            (low, *values.select_nth_unstable_by(last, f32::total_cmp).1)
-        });
-        Some((Self { low: Vec2::new(left, bottom), high: Vec2::new(right, top) }, points.len() as f32))
-    }
-
     pub fn area(&self) -> f32 {
         (self.high - self.low).element_product()
     }

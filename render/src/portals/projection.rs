@@ -11,6 +11,8 @@ use crate::scene::{Ray, Scene};
 
 /// Smallest cosine between a plane's normal and a ray that counts as crossing it.
 const LEAST_COSINE: f32 = 0.05;
+/// Fraction of the crossings that may lie outside on each side of a rectangle.
+const OUTLIERS: f32 = 0.001;
 
 /// The rays that cross planes of one normal from inside.
 pub struct Projection {
@@ -80,6 +82,24 @@ impl Projection {
     /// Returns where the other rays cross it.
     pub fn blocked(&self, plane: Plane) -> impl Iterator<Item = Vec2> + '_ {
         crossings(&self.blocked, plane)
+    }
+
+    /// Returns the rectangle of the crossings within one, without outliers, and their number; `None` without
+    /// crossings.
+    pub fn fitted(&self, within: &Rectangle, plane: Plane) -> Option<(Rectangle, f32)> {
+        let inside = |p: &Vec2| p.cmpge(within.low).all() && p.cmple(within.high).all();
+        let points: Vec<Vec2> = self.open(plane).filter(inside).collect();
+        if points.is_empty() {
+            return None;
+        }
+        let outside = (OUTLIERS * points.len() as f32) as usize;
+        let [(left, right), (bottom, top)] = [0, 1].map(|axis| {
+            let mut values: Vec<f32> = points.iter().map(|point| point[axis]).collect();
+            let last = values.len() - 1 - outside;
+            let low = *values.select_nth_unstable_by(outside, f32::total_cmp).1;
+            (low, *values.select_nth_unstable_by(last, f32::total_cmp).1)
+        });
+        Some((Rectangle { low: Vec2::new(left, bottom), high: Vec2::new(right, top) }, points.len() as f32))
     }
 
     /// Removes the rays that leave the room through a portal.
