@@ -44,16 +44,15 @@ const SOURCES: [&str; 33] = [
 fn main() {
     let mut hasher = blake3::Hasher::new();
     for source in SOURCES {
-        let path = ["../sampling/src", "../render/src"].map(|root| Path::new(root).join(source));
-        match path.iter().find(|path| path.exists()) {
-            Some(path) => {
-                println!("cargo:rerun-if-changed={}", path.display());
-                add(path, source, &mut hasher);
-            }
-            // In a published package these sources are missing; its version stands for them.
-            None => {
-                hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
-            }
+        let paths = ["../sampling/src", "../render/src"].map(|root| Path::new(root).join(source));
+        // Both may have it, as they have `portals`.
+        for path in paths.iter().filter(|path| path.exists()) {
+            println!("cargo:rerun-if-changed={}", path.display());
+            add(path, source, &mut hasher);
+        }
+        // In a published package these sources are missing; its version stands for them.
+        if !paths.iter().any(|path| path.exists()) {
+            hasher.update(env!("CARGO_PKG_VERSION").as_bytes());
         }
     }
     let hash = hasher.finalize().to_hex();

@@ -184,13 +184,13 @@ fn prepared(
     if *spec.source() != Source::Auto {
         return Ok((spec.clone(), opened.estimator(spec)?, None));
     }
-    let Choice { spec, estimator, trials, seconds } = headtail_eval::choose(opened, budget, stop)?;
+    let Choice { spec, estimator, trials, reason, seconds } = headtail_eval::choose(opened, budget, stop)?;
     let best = trials.iter().map(|trial| trial.error * trial.cost).fold(f64::INFINITY, f64::min);
     let trials: Vec<String> =
         trials.iter().map(|trial| format!("{} {:.2}", trial.spec, best / (trial.error * trial.cost))).collect();
     let why = match trials.is_empty() {
-        true => "default: the budget is too small for a pilot".to_owned(),
-        false => format!("relative efficiency in a pilot of {seconds:.2} s: {}", trials.join(", ")),
+        true => reason.to_owned(),
+        false => format!("relative {reason} of {seconds:.2} s: {}", trials.join(", ")),
     };
     let text = format!("auto: {spec} ({why})");
     Ok((spec, estimator, Some(text)))

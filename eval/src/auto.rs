@@ -1,5 +1,6 @@
 //! `auto`: chooses between `split:4:patches+vis` and `split:4:mis-comp` by a pilot rendering, which is not
-//! part of the picture.
+//! part of the picture. In rooms that little light enters, all of it through portals, it chooses
+//! `split:4:portals+mis`, which is many times better there (`results/rooms.csv`, staircase).
 //!
 //! Each candidate renders the same small picture twice, with its own points. Half the squared difference of
 //! the two estimates the candidate's error; its efficiency is 1 / (error x cost). Costs are not timed but
@@ -12,7 +13,8 @@ use std::{sync::atomic::AtomicBool, time::Instant};
 use headtail_render::{
     brdf::{BrdfTable, Surface},
     estimator::Estimator,
-    integrator::{Rendering, learn_visibility},
+    integrator::{Rendering, View, learn_visibility},
+    portals::{Portal, Portals, openness},
     spec::SamplerSpec,
 };
 
@@ -35,6 +37,17 @@ const TRIMMED: f64 = 0.01;
 const MARGIN: f64 = 1.04;
 /// Cost of preparing the second candidate, in samples of `mis` per texel of the map.
 const PREPARATION: f64 = 0.3;
+/// The largest fraction of a room's rays that reaches the environment, and the least coverage of portals, for
+/// which `split:4:portals+mis` is chosen. In more open rooms it is about as good as the others; light that misses
+/// portals is found by few samples.
+const OPEN: f32 = 0.02;
+const COVERED: f32 = 0.98;
+/// Openness and coverage are estimated from 1 of so many paths.
+const STEPS: [usize; 2] = [16, 4];
+/// Cost of finding portals and preparing their sampler, in samples of `mis`, and the largest fraction of a budget
+/// that it takes: with portals, the error is smaller by more than the samples that this takes away.
+const SEARCH: f64 = 1.2e6;
+const SEARCH_FRACTION: f64 = 0.5;
 /// Thread-seconds per sample of `mis`: converts a budget of seconds into samples before anything is timed.
 const SECONDS_PER_SAMPLE: f64 = 2.6e-7;
 /// Cost of a point of visibility training, in samples of `mis`.
@@ -79,9 +92,10 @@ pub struct Choice {
     pub spec: SamplerSpec,
     /// Estimator of the chosen SPEC.
     pub estimator: Box<dyn Estimator>,
-    /// Pilot results, the first candidate first; empty if the budget is too small for a pilot and a fixed
-    /// rule decided.
+    /// Pilot results, the first candidate first; empty if a fixed rule decided.
     pub trials: Vec<Trial>,
+    /// What decided.
+    pub reason: &'static str,
     /// Seconds of choice and preparation.
     pub seconds: f64,
 }
@@ -92,6 +106,14 @@ pub struct Choice {
 /// If a candidate cannot be prepared.
 pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Choice> {
     let start = Instant::now();
+    let by_rule = |spec, estimator, reason| {
+        Ok(Choice { spec, estimator, trials: Vec::new(), reason, seconds: start.elapsed().as_secs_f64() })
+    };
+    if let Some(portals) = portals(view, budget) {
+        let spec = SamplerSpec::split_portals(DIRECTIONS);
+        let estimator = view.estimator_through(&portals, &spec)?;
+        return by_rule(spec, estimator, "little light enters, through portals");
+    }
     let fractions = classes(view);
     let costs = [0, 1].map(|k| COSTS.iter().map(|(class, costs)| fractions[*class as usize] * costs[k]).sum::<f64>());
     let patches = view.patches_with_visibility()?.with_directions(DIRECTIONS)?;
@@ -105,12 +127,9 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
         let most = FRACTION * samples_of(view, budget, seconds_per_sample);
         SAMPLES.into_iter().find(|&samples| pilot_cost(samples) <= most)
     };
-    let by_rule = |patches| {
-        let seconds = start.elapsed().as_secs_f64();
-        Ok(Choice { spec: spec.clone(), estimator: Box::new(patches), trials: Vec::new(), seconds })
-    };
+    const TOO_SMALL: &str = "the budget is too small for a pilot";
     if affordable(SECONDS_PER_SAMPLE).is_none() {
-        return by_rule(patches);
+        return by_rule(spec, Box::new(patches), TOO_SMALL);
     }
     // Larger than the pilot, which has too few pixels to match the training of the picture.
     let learning = view.resized(COARSENESS / 2);
@@ -119,7 +138,7 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let points = (learning.view().width * learning.view().height) as f64;
     let thread_seconds = begun.elapsed().as_secs_f64() * rayon::current_num_threads() as f64;
     let Some(samples) = affordable(thread_seconds / (LEARNED_POINT * points)) else {
-        return by_rule(patches);
+        return by_rule(spec, Box::new(patches), TOO_SMALL);
     };
     let informed = patches.clone().with_precomputed(&learned)?;
     let compensated = SamplerSpec::split_compensated(DIRECTIONS);
@@ -132,7 +151,22 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let trials = vec![trial(spec, costs[0], &informed), trial(compensated, costs[1], &*split_mis)];
     let chosen = best_of(&trials);
     let estimator = if chosen == 0 { Box::new(patches) as Box<dyn Estimator> } else { split_mis };
-    Ok(Choice { spec: trials[chosen].spec.clone(), estimator, trials, seconds: start.elapsed().as_secs_f64() })
+    let (spec, reason) = (trials[chosen].spec.clone(), "efficiency in a pilot");
+    Ok(Choice { spec, estimator, trials, reason, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// Returns the portals of a room that little light enters, if they cover it, and the budget allows for the search.
+fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
+    let View { scene, camera, .. } = view.view();
+    // A sample costs about as much as one of `mis` for each of its directions.
+    let directions = if budget.seconds().is_some() { 1.0 } else { f64::from(DIRECTIONS) };
+    let affordable = SEARCH_FRACTION * directions * samples_of(view, budget, SECONDS_PER_SAMPLE);
+    // Without shadow rays all light passes through walls.
+    if view.unshadowed || SEARCH > affordable || openness(scene, camera, STEPS[0]) > OPEN {
+        return None;
+    }
+    let found = Portals::find(scene, camera).ok()?;
+    (found.coverage(scene, camera, STEPS[1]) >= COVERED).then_some(found.portals)
 }
 
 /// Returns the index of the most efficient candidate: the first one, unless another is better by [`MARGIN`].
@@ -195,6 +229,14 @@ fn error(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &Ato
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use glam::{Vec3, Vec3A};
+    use headtail_render::{
+        environment::Environment,
+        scene::{Camera, Material, Mesh, Scene},
+    };
+
     use super::*;
     use crate::{CameraSettings, ViewSettings};
 
@@ -223,6 +265,51 @@ mod tests {
         let view = opened("sphere", "studio", None);
         let choice = choose(&view, Budget::Samples(1), &AtomicBool::new(false)).unwrap();
         assert!(choice.trials.is_empty() && choice.spec.to_string() == "split:4:patches+vis");
+    }
+
+    /// A closed box of 4 x 3 x 4 m with a square hole in its ceiling.
+    fn room(hole: f32) -> OpenedView {
+        let (low, high) = (Vec3::new(-2.0, 0.0, -2.0), Vec3::new(2.0, 3.0, 2.0));
+        let [x, y, z] = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| axis * (high - low));
+        let mut positions = Vec::new();
+        let mut add =
+            |corner: Vec3, u: Vec3, v: Vec3| positions.extend([corner, corner + u, corner + u + v, corner + v]);
+        for [u, v] in [[x, z], [x, y], [y, z]] {
+            add(low, u, v);
+        }
+        add(low + z, x, y);
+        add(low + x, y, z);
+        // The ceiling around the hole.
+        let (ceiling, rest) = (low + y, 0.5 * (1.0 - hole / 4.0));
+        add(ceiling, rest * x, z);
+        add(ceiling + (1.0 - rest) * x, rest * x, z);
+        add(ceiling + rest * x, (1.0 - 2.0 * rest) * x, rest * z);
+        add(ceiling + rest * x + (1.0 - rest) * z, (1.0 - 2.0 * rest) * x, rest * z);
+        let triangles = (0..positions.len() as u32).step_by(4).flat_map(|k| [[k, k + 1, k + 2], [k, k + 2, k + 3]]);
+        let mesh = Mesh::new(positions, Vec::new(), Vec::new(), triangles.collect(), 0).unwrap();
+        let scene = Scene::new("room", vec![mesh], vec![Material::diffuse(Vec3A::splat(0.5))], None).unwrap();
+        let camera = Camera::new(Vec3A::new(-1.5, 1.2, -1.5), Vec3A::new(1.0, 0.8, 1.0), 60.0).unwrap();
+        let environment = Arc::new(Environment::open("studio").unwrap());
+        OpenedView::new(Arc::new(scene), camera, environment, (128, 96))
+    }
+
+    #[test]
+    fn portals_of_small_openings_need_no_pilot_and_are_the_same_by_name() {
+        let (view, stop) = (room(0.5), AtomicBool::new(false));
+        let choice = choose(&view, Budget::Samples(512), &stop).unwrap();
+        assert_eq!((choice.spec.to_string().as_str(), choice.trials.len()), ("split:4:portals+mis", 0));
+        let budget = Budget::Samples(2);
+        let picture =
+            |estimator: &dyn Estimator| view.render(estimator, budget, view.points(budget, 1), &stop, &|_| {}).surfaces;
+        let by_name = picture(&*view.estimator(&choice.spec).unwrap());
+        assert!(by_name.pixels.iter().any(|pixel| pixel[0] > 0.0));
+        assert_eq!(picture(&*choice.estimator).pixels, by_name.pixels);
+        let larger = choose(&room(2.2), Budget::Samples(512), &stop).unwrap();
+        assert_ne!(larger.spec, choice.spec);
+        let mut unshadowed = view.clone();
+        unshadowed.unshadowed = true;
+        let unshadowed = choose(&unshadowed, Budget::Samples(512), &stop).unwrap();
+        assert_ne!(unshadowed.spec, choice.spec);
     }
 
     /// [`COSTS`] match the measurements.

@@ -167,6 +167,9 @@ pub struct SamplerEntry {
     /// Materials that it is measured on; empty for all.
     #[serde(default)]
     pub materials: Vec<String>,
+    /// Scenes that it is measured in; empty for all.
+    #[serde(default)]
+    pub scenes: Vec<String>,
 }
 
 /// Names that identify a view.
@@ -265,11 +268,10 @@ impl Experiment {
         scene && self.map(&key.map).is_some_and(|entry| entry.tuned)
     }
 
-    /// Returns the samplers that are measured on a material.
-    pub fn samplers_for(&self, material: &str) -> impl Iterator<Item = &SamplerEntry> {
-        self.samplers
-            .iter()
-            .filter(move |own| own.materials.is_empty() || own.materials.iter().any(|one| one == material))
+    /// Returns the samplers that are measured in a view.
+    pub fn samplers_for(&self, key: &ViewKey) -> impl Iterator<Item = &SamplerEntry> {
+        let is_in = |names: &[String], name: &String| names.is_empty() || names.contains(name);
+        self.samplers.iter().filter(move |own| is_in(&own.materials, &key.material) && is_in(&own.scenes, &key.scene))
     }
 
     /// Returns the settings of a view with its files in a data folder.

@@ -71,7 +71,7 @@ pub fn run(
             continue;
         }
         let samplers: Vec<&SamplerEntry> =
-            experiment.samplers_for(&key.material).filter(|sampler| !is_measured(&key, sampler)).collect();
+            experiment.samplers_for(&key).filter(|sampler| !is_measured(&key, sampler)).collect();
         if samplers.is_empty() {
             outcome.known += 1;
             continue;

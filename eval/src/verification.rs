@@ -46,7 +46,7 @@ pub fn verify(
     let pool = runner::pool(experiment)?;
     let mut found = Verification::default();
     for key in (0..count).map(|k| &keys[k * keys.len() / count]) {
-        let samplers: Vec<&SamplerEntry> = experiment.samplers_for(&key.material).collect();
+        let samplers: Vec<&SamplerEntry> = experiment.samplers_for(key).collect();
         pool.install(|| -> Result<()> {
             let (view, entries) = runner::open(experiment, key, &samplers, options, (stop, &()))?;
             let mut reference = None;

@@ -9,9 +9,10 @@ use headtail_render::{
     integrator::{self, Part, Rendering, View},
     patches::Detail,
     points::Points,
+    portals::{Portal, Portals},
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
-    spec::{BuildContext, SamplerSpec},
+    spec::{BuildContext, SamplerSpec, Source},
 };
 use serde::{Deserialize, Serialize};
 
@@ -212,11 +213,28 @@ impl OpenedView {
     /// Builds the estimator of a SPEC for this map and this scene.
     ///
     /// # Errors
-    /// If a file of the SPEC cannot be used here.
+    /// If a file of the SPEC cannot be used here, or portals without a file are not found.
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
+        match spec.source() {
+            Source::Portals(None) => self.estimator_through(&self.portals()?.portals, spec),
+            _ => self.estimator_through(&[], spec),
+        }
+    }
+
+    /// Builds the estimator of a SPEC, with known portals of this view for SPECs of portals without a file.
+    pub(crate) fn estimator_through(&self, portals: &[Portal], spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
         let (memory, always) = (self.visibility_bytes, self.visibility_always);
         let motion = Affine3A::from_rotation_y(-self.rotation.to_radians());
-        Ok(spec.build_in(&self.environment, BuildContext { scene: Some(&*self.scene), memory, always, motion })?)
+        let context = BuildContext { scene: Some(&*self.scene), memory, always, motion, portals };
+        Ok(spec.build_in(&self.environment, context)?)
+    }
+
+    /// Finds the portals of the room that the camera is in.
+    ///
+    /// # Errors
+    /// If it is no room, or no light enters.
+    pub(crate) fn portals(&self) -> Result<Portals> {
+        Ok(Portals::find(&self.scene, &self.camera)?)
     }
 
     /// Builds the estimator of `patches+vis` for this map and this scene.

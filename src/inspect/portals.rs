@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, bail};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use glam::Vec3A;
 use headtail_render::{
@@ -18,8 +18,6 @@ use crate::{
     terminal::{self, out, warning},
 };
 
-/// Fraction of rays to the environment above which a scene is not a room.
-const OPEN: f32 = 0.4;
 /// Coverage below which light would be lost in renderers that sample the environment through portals alone.
 const COVERED: f32 = 0.98;
 
@@ -43,27 +41,21 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
         bail!("--out {}: name a .json (for --sampler), .gltf, .usda (USD) or .py (Blender) file", path.display());
     };
     let output = OutputFile::take(path)?;
-    let found = Portals::find(scene, camera);
+    let found = Portals::find(scene, camera)?;
+    let coverage = found.coverage(scene, camera, 1);
     let percent = |fraction: f32| format!("{:.1} %", 100.0 * fraction);
-    ensure!(
-        found.openness <= OPEN,
-        "{}: {} of the rays from the visible surfaces reach the environment; portals are for rooms",
-        scene.name(),
-        percent(found.openness)
-    );
-    ensure!(!found.portals.is_empty(), "{}: no ray from the visible surfaces reaches the environment", scene.name());
     let text = (format.text)(&found.portals);
     output.write(|path| file::replace(path, text.as_bytes()))?;
-    if found.coverage < COVERED {
+    if coverage < COVERED {
         warning!(
             "the portals cover {} of the rays; renderers that sample the environment through portals alone lose the rest",
-            percent(found.coverage)
+            percent(coverage)
         );
     }
     if json {
         let mut described: Value = serde_json::from_str(&to_json(&found.portals))?;
         for (name, value) in [
-            ("coverage", json!(found.coverage)),
+            ("coverage", json!(coverage)),
             ("openness", json!(found.openness)),
             ("file", json!(path.display().to_string())),
         ] {
@@ -84,7 +76,7 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
     out!(
         "{} of the rays reach the environment, {} of these through the portals\n{} written",
         percent(found.openness),
-        percent(found.coverage),
+        percent(coverage),
         path.display()
     );
     Ok(())

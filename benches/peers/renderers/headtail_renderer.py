@@ -1,5 +1,4 @@
-"""headtail by its command line. Render times include the sampler's preparation, but not the search for portals, which
-belong to the scene."""
+"""headtail by its command line. Render times include the sampler's preparation."""
 
 import json
 import os
@@ -17,7 +16,7 @@ def program():
 
 
 class Renderer:
-    def __init__(self, picture, sampler="auto", portals=False):
+    def __init__(self, picture, sampler="auto"):
         self.folder = tempfile.TemporaryDirectory()
         self.out = Path(self.folder.name) / "picture.exr"
         self.version = run([program(), "--version"]).split()[1]
@@ -28,8 +27,6 @@ class Renderer:
             "--scene", picture.glb, f"--look-from={triple(picture.look_from)}", f"--look-at={triple(picture.look_at)}",
             f"--fov={picture.fov}", f"--width={picture.width}", f"--height={picture.height}", "--json",
         ]  # fmt: skip
-        if portals:
-            sampler += f":{self.portals('json')}"
         self.command = [
             program(), "render", *self.view, "--env", picture.map, "--material", material, f"--depth={picture.depth}",
             f"--threads={picture.threads}", f"--sampler={sampler}", "--force", "--out", str(self.out),
@@ -48,11 +45,11 @@ class Renderer:
         run([*self.command, "--spp=1", "--aovs"])
         return exr.read(self.out.with_suffix(".aovs.exr"), "albedo").max(-1) > 0
 
-    def portals(self, extension):
-        """Returns the file of the room's portals: json for headtail, py for Blender."""
-        file = Path(self.folder.name) / f"portals.{extension}"
+    def portals(self):
+        """Returns the room's portals as a script for Blender."""
+        file = Path(self.folder.name) / "portals.py"
         run([program(), "inspect", "--portals", *self.view, "--out", str(file)])
-        return file
+        return file.read_text()
 
 
 def run(command):

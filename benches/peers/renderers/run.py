@@ -44,7 +44,6 @@ RENDERERS = {
     "headtail patches": ("headtail_renderer", {"sampler": "patches"}, (1, 4)),
     "headtail patches+vis": ("headtail_renderer", {"sampler": "patches+vis"}, (1, 4)),
     "headtail auto": ("headtail_renderer", {"sampler": "auto"}, (1, 4)),
-    "headtail portals": ("headtail_renderer", {"sampler": "mis2:portals", "portals": True}, (1,)),
 }
 
 
@@ -136,7 +135,7 @@ def measure_view(view, options, available, rows, folder):
     )  # fmt: skip
     own = headtail_renderer.Renderer(views.Picture(vertices, faces, alpha=None, depth=1, portals=None, **frame))
     coverage = own.coverage()
-    frame["portals"] = own.portals("py").read_text() if view.camera else None
+    frame["portals"] = own.portals() if view.camera else None
     # Rounded like the file that other renderers read.
     np.savez(geometry, vertices=vertices.astype(np.float32).astype(float), faces=faces, coverage=coverage)
     known = {key(row) for row in rows}

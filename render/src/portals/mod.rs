@@ -32,19 +32,22 @@ use self::{
 };
 pub use headtail_sampling::portals::*;
 
-use crate::scene::{Camera, Scene};
+use crate::{
+    error::{Error, Result},
+    scene::{Camera, Ray, Scene},
+};
 
 /// The portals of a room.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Portals {
     /// Most light first.
     pub portals: Vec<Portal>,
-    /// Fraction of the rays reaching the environment that pass through the portals, from rays that the portals
-    /// were not found with.
-    pub coverage: f32,
     /// Fraction of the rays that reach the environment.
     pub openness: f32,
 }
+
+/// Openness above which a scene is not a room.
+const OPEN: f32 = 0.4;
 
 /// Rays of different seeds find the portals and measure their coverage.
 const SEARCH: u64 = 1;
@@ -62,16 +65,39 @@ const BATCH: usize = 8;
 impl Portals {
     /// Finds the portals of the room that a camera is in. Rays follow diffuse paths from the visible surfaces.
     /// The result is the same on any number of threads.
-    pub fn find(scene: &Scene, camera: &Camera) -> Self {
-        let rays = RoomRays::trace(scene, camera, SEARCH);
+    ///
+    /// # Errors
+    /// [`Error::Argument`] if more than 40 % of the rays reach the environment, so that this is no room, or none
+    /// do.
+    pub fn find(scene: &Scene, camera: &Camera) -> Result<Self> {
+        let rays = RoomRays::trace(scene, camera, SEARCH, 1);
         let openness = rays.openness();
+        let refused = |reason: String| Err(Error::argument(format!("portals of {}", scene.name()), reason));
+        if openness > OPEN {
+            let percent = 100.0 * openness;
+            return refused(format!(
+                "{percent:.1} % of the rays from the visible surfaces reach the environment; portals are for rooms"
+            ));
+        }
         let portals = search(scene, &rays.thinned());
-        let others = RoomRays::trace(scene, camera, COVERAGE).open;
-        let is_covered =
-            |ray: &&crate::scene::Ray| portals.iter().any(|portal| portal.is_crossed(ray.origin, ray.direction));
-        let coverage = others.iter().filter(is_covered).count() as f32 / (others.len() as f32).max(1.0);
-        Self { portals, coverage, openness }
+        if portals.is_empty() {
+            return refused("no ray from the visible surfaces reaches the environment".to_owned());
+        }
+        Ok(Self { portals, openness })
     }
+
+    /// Returns the fraction of the rays reaching the environment that pass through the portals, from rays that
+    /// these were not found with; 1 of `step` paths is traced.
+    pub fn coverage(&self, scene: &Scene, camera: &Camera, step: usize) -> f32 {
+        let rays = RoomRays::trace(scene, camera, COVERAGE, step).open;
+        let is_covered = |ray: &&Ray| self.portals.iter().any(|portal| portal.is_crossed(ray.origin, ray.direction));
+        rays.iter().filter(is_covered).count() as f32 / (rays.len() as f32).max(1.0)
+    }
+}
+
+/// Estimates [`Portals::openness`] from 1 of `step` paths.
+pub fn openness(scene: &Scene, camera: &Camera, step: usize) -> f32 {
+    RoomRays::trace(scene, camera, SEARCH, step).openness()
 }
 
 /// Returns the portals that rays leave a room through.
@@ -81,15 +107,19 @@ fn search(scene: &Scene, rays: &RoomRays) -> Vec<Portal> {
         normals(scene).into_iter().map(|(normal, up)| Projection::new(scene, [normal, up], rays)).collect();
     let mut candidates: Vec<Candidate> = (0..projections.len() * STEPS).map(Candidate::unknown).collect();
     candidates.par_iter_mut().for_each(|candidate| candidate.score_on(&projections, rays));
-    let (mut remaining, mut portals) = (rays.open.clone(), Vec::new());
-    while portals.len() < MOST && remaining.len() as f32 > least {
+    let (mut remaining, mut portals) = (vec![true; rays.open.len()], Vec::new());
+    let mut count = remaining.len();
+    while portals.len() < MOST && count as f32 > least {
         let Some(portal) = best(&projections, &mut candidates, rays) else { break };
-        let before = remaining.len();
-        remaining.retain(|ray| !portal.is_crossed(ray.origin, ray.direction));
-        if (before - remaining.len()) as f32 <= least {
+        let before = count;
+        for (remains, ray) in remaining.iter_mut().zip(&rays.open) {
+            *remains &= !portal.is_crossed(ray.origin, ray.direction);
+        }
+        count = remaining.iter().filter(|&&remains| remains).count();
+        if (before - count) as f32 <= least {
             break;
         }
-        projections.par_iter_mut().for_each(|own| own.remove(&portal, rays));
+        projections.par_iter_mut().for_each(|own| own.keep(&remaining));
         candidates.iter_mut().for_each(|candidate| candidate.is_current = false);
         portals.push(portal);
     }

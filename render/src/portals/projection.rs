@@ -102,12 +102,9 @@ impl Projection {
         Some((Rectangle { low: Vec2::new(left, bottom), high: Vec2::new(right, top) }, points.len() as f32))
     }
 
-    /// Removes the rays that leave the room through a portal.
-    pub fn remove(&mut self, portal: &Portal, rays: &RoomRays) {
-        self.open.retain(|line| {
-            let ray = &rays.open[line.ray as usize];
-            !portal.is_crossed(ray.origin, ray.direction)
-        });
+    /// Keeps, of the rays that reach the environment, those that remain.
+    pub fn keep(&mut self, remaining: &[bool]) {
+        self.open.retain(|line| remaining[line.ray as usize]);
     }
 
     /// Returns the portal of a rectangle of a plane.

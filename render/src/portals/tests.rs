@@ -1,6 +1,6 @@
 use glam::{Vec2, Vec3, Vec3A};
 
-use super::Portals;
+use super::{Portals, SEARCH, openness, rays::RoomRays, search};
 use crate::scene::{Camera, Material, Mesh, Scene};
 
 /// A rectangle of the room's shell, `origin + x u + y v`, with a rectangular hole.
@@ -52,9 +52,12 @@ fn openings_of_a_room_are_found() {
     for angle in [0.0, 0.4, -2.0] {
         let turn = glam::Quat::from_rotation_y(angle);
         let camera = Camera::new((turn * Vec3::new(-1.5, 1.5, -2.0)).into(), Vec3A::new(0.0, 1.0, 0.0), 70.0).unwrap();
-        let found = Portals::find(&room(angle), &camera);
-        assert!(found.coverage > 0.99, "{found:?}");
+        let scene = room(angle);
+        let found = Portals::find(&scene, &camera).unwrap();
+        assert!(found.coverage(&scene, &camera, 1) > 0.99, "{found:?}");
         assert!((0.005..0.1).contains(&found.openness), "{found:?}");
+        let estimate = openness(&scene, &camera, 16);
+        assert!((estimate / found.openness - 1.0).abs() < 0.25, "{estimate} {found:?}");
         let [window, skylight] = [[2.1, 1.8, -0.5, 1.0, 1.2], [-0.5, 3.0, 0.8, 1.0, 0.6]];
         assert_eq!(found.portals.len(), 2, "{found:?}");
         for [x, y, z, width, height] in [window, skylight] {
@@ -81,7 +84,7 @@ fn portals_do_not_depend_on_threads() {
     let (scene, camera) = (room(0.4), Camera::new(Vec3A::new(0.0, 1.5, 0.0), Vec3A::new(1.0, 1.0, 1.0), 70.0).unwrap());
     let of = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| Portals::find(&scene, &camera))
+        pool.install(|| Portals::find(&scene, &camera).unwrap())
     };
     assert_eq!(of(1), of(3));
 }
@@ -92,13 +95,16 @@ fn closed_rooms_and_empty_views_have_no_portals() {
     panel(&mut shell, [Vec3::ZERO, Vec3::X, Vec3::Z], None);
     let plane = scene_of(shell);
     let away = Camera::new(Vec3A::Y, Vec3A::new(0.0, 3.0, 1.0), 40.0).unwrap();
-    let found = Portals::find(&plane, &away);
-    assert!(found.portals.is_empty() && found.openness == 0.0 && found.coverage == 0.0, "{found:?}");
+    let error = Portals::find(&plane, &away).unwrap_err().to_string();
+    assert!(error.contains("no ray from the visible surfaces"), "{error}");
+    assert_eq!(openness(&plane, &away, 16), 0.0);
 }
 
 #[test]
-fn round_scenes_are_searched_along_few_normals() {
+fn round_scenes_are_no_rooms_and_are_searched_along_few_normals() {
     let sphere = Scene::built_in("sphere").unwrap();
-    let found = Portals::find(&sphere, &sphere.camera());
-    assert!(found.openness > 0.9 && found.portals.iter().all(|portal| portal.width > 0.0), "{found:?}");
+    let error = Portals::find(&sphere, &sphere.camera()).unwrap_err().to_string();
+    assert!(error.contains("portals are for rooms"), "{error}");
+    let portals = search(&sphere, &RoomRays::trace(&sphere, &sphere.camera(), SEARCH, 1).thinned());
+    assert!(!portals.is_empty() && portals.iter().all(|portal| portal.width > 0.0), "{portals:?}");
 }

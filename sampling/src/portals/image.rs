@@ -3,7 +3,14 @@
 use glam::Vec3A;
 
 use super::Portal;
-use crate::{color::luminance, discrete::BELOW_ONE, environment::Environment, parallel::*};
+use crate::{
+    color::luminance,
+    columns::strips,
+    discrete::BELOW_ONE,
+    environment::Environment,
+    parallel::*,
+    simd::{LANES, Lanes},
+};
 
 /// Pixels along a side: as many as the map has rows, between these.
 const SIZES: [usize; 2] = [64, 1024];
@@ -33,20 +40,14 @@ impl PortalImage {
     pub fn new(portal: &Portal, environment: &Environment) -> Self {
         let size = environment.height().clamp(SIZES[0], SIZES[1]);
         let mut own = Self { size, sums: vec![0; (size + 1) * (size + 1)] };
-        let mean = |index: usize| -> f64 {
-            let corner = [index % size, index / size].map(|k| k as f32);
-            let point = |k: usize| {
-                let inside = [k % POINTS, k / POINTS].map(|k| (k as f32 + 0.5) / POINTS as f32);
-                let tangents = [corner[0] + inside[0], corner[1] + inside[1]].map(|at| own.tangent(at));
-                let wi = direction(portal, tangents);
-                f64::from(luminance(environment.radiance(wi)) * own.solid_angle(tangents))
-            };
-            (0..POINTS * POINTS).map(point).sum()
-        };
-        let values: Vec<f64> = (0..size * size).into_par_iter().map(mean).collect();
-        let all: f64 = values.iter().sum();
+        let inside = |k: usize| (k % POINTS) as f32 + 0.5;
+        let place = |k: usize| (k / POINTS) as f32 + inside(k) / POINTS as f32;
+        let tangents: Vec<f32> = (0..size * POINTS).map(|k| own.tangent(place(k))).collect();
+        let row = |up: &[f32]| own.row(&tangents, up, portal, environment);
+        let rows: Vec<Vec<f64>> = tangents.par_chunks(POINTS).map(row).collect();
+        let all: f64 = rows.iter().flatten().sum();
         let scale = if all > 0.0 { TOTAL / all } else { 0.0 };
-        for (row, values) in values.chunks_exact(size).enumerate() {
+        for (row, values) in rows.iter().enumerate() {
             let mut along = 0;
             for (column, &value) in values.iter().enumerate() {
                 along += if value > 0.0 { (scale * value).max(1.0) as u32 } else { 0 };
@@ -55,6 +56,26 @@ impl PortalImage {
             }
         }
         own
+    }
+
+    /// Returns the sums over the points of each pixel of a row, at all tangents `across` and those `up` of the row.
+    fn row(&self, across: &[f32], up: &[f32], portal: &Portal, environment: &Environment) -> Vec<f64> {
+        let mut sums = vec![0.0; self.size];
+        let column = || -> Vec<Lanes> { vec![[0.0; LANES]; strips(across.len())] };
+        let [mut wx, mut wy, mut wz, mut red, mut green, mut blue] = std::array::from_fn(|_| column());
+        for &y in up {
+            for (k, &x) in across.iter().enumerate() {
+                let (strip, lane, wi) = (k / LANES, k % LANES, direction(portal, [x, y]));
+                (wx[strip][lane], wy[strip][lane], wz[strip][lane]) = (wi.x, wi.y, wi.z);
+            }
+            environment.radiances([&wx, &wy, &wz], [&mut red, &mut green, &mut blue]);
+            for (k, &x) in across.iter().enumerate() {
+                let (strip, lane) = (k / LANES, k % LANES);
+                let radiance = Vec3A::new(red[strip][lane], green[strip][lane], blue[strip][lane]);
+                sums[k / POINTS] += f64::from(luminance(radiance) * self.solid_angle([x, y]));
+            }
+        }
+        sums
     }
 
     /// Returns the place of a tangent, in pixels.

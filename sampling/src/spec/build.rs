@@ -10,6 +10,7 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     estimator::{Estimator, LearnedVisibility, Ris, SingleSample, Split, TwoSampleMis},
+    portals::Portal,
     sampler::{BrdfSampler, Covering, Sampler},
     visibility::SceneVisibility,
 };
@@ -32,14 +33,17 @@ pub struct BuildContext<'a> {
     pub memory: usize,
     /// Whether learned visibility is used even where its predicted gain is below its cost.
     pub always: bool,
-    /// The rigid motion of the scene since its portals were placed.
+    /// The rigid motion of the scene since the portals of files were placed.
     pub motion: Affine3A,
+    /// The portals found in the scene, for SPECs that name no file of portals.
+    pub portals: &'a [Portal],
 }
 
 impl Default for BuildContext<'_> {
     /// No scene, not moved; 64 MiB of visibility, used where it pays off.
     fn default() -> Self {
-        Self { scene: None, memory: LearnedVisibility::MEMORY, always: false, motion: Affine3A::IDENTITY }
+        let (memory, motion) = (LearnedVisibility::MEMORY, Affine3A::IDENTITY);
+        Self { scene: None, memory, always: false, motion, portals: &[] }
     }
 }
 

@@ -29,10 +29,11 @@ const COMPOUND: [Form; 17] = [
     form(Purpose::Use, "direct:FILE", "light x cosine, tabulated over normals by bake --direct"),
     form(
         Purpose::Use,
-        "mis2:portals:FILE",
-        "the light through a room's portals (inspect --portals) and BRDF sampling in two-sample MIS",
+        "mis2:portals",
+        "the light through the portals of a room, found before the picture, and BRDF sampling in two-sample MIS; \
+         portals+mis in one-sample MIS",
     ),
-    form(Purpose::Use, "portals+mis:FILE", "the same in one-sample MIS"),
+    form(Purpose::Use, "mis2:portals:FILE", "through the portals of a file of inspect --portals"),
     form(Purpose::Paper, "head+mis:FILE", "a trained head and the map's tail beside BRDF sampling (fit)"),
     form(Purpose::Paper, "head:FILE", "head and tail alone"),
     form(Purpose::Paper, "head+patches:FILE", "a trained head before patches (fit --over patches)"),

@@ -193,6 +193,11 @@ impl SamplerSpec {
         Self { companion: Companion::Brdf, ..Self::plain(Source::Compensated) }.split(directions)
     }
 
+    /// `split:N:portals+mis`, or `portals+mis` for one direction: through the portals found in the scene.
+    pub fn split_portals(directions: u32) -> Self {
+        Self { companion: Companion::Brdf, ..Self::plain(Source::Portals(None)) }.split(directions)
+    }
+
     fn split(self, directions: u32) -> Self {
         let combiner = if directions == 1 { Combiner::One } else { Combiner::Split(directions) };
         Self { combiner, ..self }

@@ -106,8 +106,12 @@ impl<'a> Parts<'a> {
             }
             Some(own) => own,
             None => {
-                let (with_file, companion) = source_with_file(name).ok_or_else(forms::is_none)?;
-                (with_file(named(file, name)?), companion)
+                let (base, companion) = companion_of(name);
+                let source = match source_with_file(base).ok_or_else(forms::is_none)? {
+                    WithFile::Portals if file.is_none() => Source::Portals(None),
+                    with_file => with_file.source(named(file, name)?),
+                };
+                (source, companion)
             }
         };
         Ok(SamplerSpec { source, companion, combiner: Combiner::One, visibility })
@@ -118,20 +122,35 @@ fn source_without_file(name: &str) -> Option<(Source, Companion)> {
     NAMED.iter().find(|named| named.name == name).map(|named| (named.source.clone(), named.companion))
 }
 
-type WithFile = Box<dyn Fn(std::path::PathBuf) -> Source>;
+/// A source with a file.
+enum WithFile {
+    Sampler(FileKind),
+    Portals,
+    Rival(RivalFamily),
+}
 
-fn source_with_file(name: &str) -> Option<(WithFile, Companion)> {
-    let (base, companion) = match (name.strip_suffix("+mis"), name.strip_suffix("+emitter")) {
+impl WithFile {
+    fn source(self, file: std::path::PathBuf) -> Source {
+        match self {
+            Self::Sampler(kind) => Source::File(kind, file),
+            Self::Portals => Source::Portals(Some(file)),
+            Self::Rival(family) => Source::Rival(family, file),
+        }
+    }
+}
+
+fn companion_of(name: &str) -> (&str, Companion) {
+    match (name.strip_suffix("+mis"), name.strip_suffix("+emitter")) {
         (Some(base), _) => (base, Companion::Brdf),
         (_, Some(base)) => (base, Companion::Emitter),
         (None, None) => (name, Companion::None),
-    };
-    if let Some(kind) = FileKind::ALL.into_iter().find(|kind| kind.name() == base) {
-        return Some((Box::new(move |file| Source::File(kind, file)), companion));
     }
+}
+
+fn source_with_file(base: &str) -> Option<WithFile> {
     if base == PORTALS {
-        return Some((Box::new(Source::Portals), companion));
+        return Some(WithFile::Portals);
     }
-    let family = RivalFamily::ALL.into_iter().find(|family| family.name() == base)?;
-    Some((Box::new(move |file| Source::Rival(family, file)), companion))
+    let sampler = FileKind::ALL.into_iter().find(|kind| kind.name() == base).map(WithFile::Sampler);
+    sampler.or_else(|| RivalFamily::ALL.into_iter().find(|family| family.name() == base).map(WithFile::Rival))
 }

@@ -30,7 +30,9 @@ impl fmt::Display for SamplerSpec {
             }
         }
         match companion {
-            Companion::Brdf if source.file().is_some() => f.write_str("+mis")?,
+            Companion::Brdf if source.file().is_some() || matches!(source, Source::Portals(_)) => {
+                f.write_str("+mis")?;
+            }
             Companion::Emitter => f.write_str("+emitter")?,
             _ => {}
         }

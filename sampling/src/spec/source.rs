@@ -36,8 +36,8 @@ pub enum Source {
     Patches(Detail),
     /// The product, tabulated at every shading point.
     Oracle,
-    /// Portal-masked sampling through the portals of a file, beside emitter sampling.
-    Portals(PathBuf),
+    /// Portal-masked sampling beside emitter sampling, through the portals of a file or those found in the scene.
+    Portals(Option<PathBuf>),
     /// A sampler in a file.
     File(FileKind, PathBuf),
     /// Another method's sampler, trained for a material.
@@ -196,7 +196,8 @@ impl RivalFamily {
 impl Source {
     pub(super) fn file(&self) -> Option<&Path> {
         match self {
-            Self::File(_, file) | Self::Rival(_, file) | Self::Portals(file) => Some(file),
+            Self::File(_, file) | Self::Rival(_, file) => Some(file),
+            Self::Portals(file) => file.as_deref(),
             _ => None,
         }
     }
@@ -243,7 +244,16 @@ impl Source {
             Self::Auto => return Self::Patches(Detail::Leaves).build(companion, environment, context),
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
             Self::Portals(file) => {
-                let portals: Vec<_> = portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect();
+                let portals = match file {
+                    Some(file) => portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect(),
+                    None => context.portals.to_vec(),
+                };
+                if portals.is_empty() {
+                    return Err(Error::argument(
+                        "portals",
+                        "no scene to find them in; name a file, as in mis2:portals:FILE",
+                    ));
+                }
                 Arc::new(PortalSampler::new(&portals, environment).beside_emitter(light()?))
             }
             Self::File(kind, file) => {

@@ -49,6 +49,11 @@ fn specifications_print_as_they_parse() {
         "split:2:patches:fine+vis:a/b:c",
         "ris:4:head+mis:a",
         "ris:4:mis",
+        "portals",
+        "portals+mis:a:b",
+        "mis2:portals",
+        "mis2:portals:a",
+        "split:4:portals+mis",
     ] {
         assert_eq!(text.parse::<SamplerSpec>().unwrap().to_string(), text);
     }
@@ -73,6 +78,9 @@ fn errors_name_the_invalid_specification() {
         "patches+mis:fine",
         "patches:finest",
         "mis+vis",
+        "portals:",
+        "portals+emitter",
+        "portals+vis",
         "direct+vis:a",
         "head+vis:a",
         "baked+mis+vis@a:b",
