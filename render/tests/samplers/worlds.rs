@@ -183,6 +183,9 @@ impl World {
             let portals = || PortalSampler::new(&box_of_portals(), environment);
             add("portals", Box::new(portals()), false, false);
             add("portals and cosine", Box::new(OneSampleMis::new(portals(), BrdfSampler)), true, false);
+            let both = || PortalSampler::new(&box_of_portals(), environment).beside_emitter(light.clone());
+            add("portals and emitter", Box::new(both()), true, false);
+            add("portals, emitter and cosine", Box::new(OneSampleMis::new(both(), BrdfSampler)), true, false);
             add("patches and cosine", Box::new(OneSampleMis::new(patches(Detail::Leaves), BrdfSampler)), true, false);
         }
         // A smooth tail that is unrelated to the light (and rarely draws a sun).
@@ -191,11 +194,6 @@ impl World {
             add("flow emitter", Box::new(EmitterSampler::new(flow.clone())), true, false);
             let head = ProductSampler::new(flow, random_head(Mode::Coupled, 4, &[]));
             add("flow and head", Box::new(OneSampleMis::new(head, BrdfSampler)), true, false);
-        }
-        if kind == TailKind::Hierarchical {
-            let both = || PortalSampler::new(&box_of_portals(), environment).beside_emitter(light.clone());
-            add("portals and emitter", Box::new(both()), true, false);
-            add("portals, emitter and cosine", Box::new(OneSampleMis::new(both(), BrdfSampler)), true, false);
         }
         let name = format!("{} / {}", environment.name(), kind.name());
         Self { name, cases, quadrature: Quadrature::new(environment), dense: Dense::new(&light), light }
