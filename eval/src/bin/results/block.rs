@@ -23,7 +23,7 @@ pub struct SamplerSet {
 }
 
 /// Keys of all kinds of blocks.
-const KEYS: [&str; 13] = [
+const KEYS: [&str; 14] = [
     "seconds",
     "samples",
     "preparation",
@@ -32,6 +32,7 @@ const KEYS: [&str; 13] = [
     "columns",
     "only",
     "file",
+    "full",
     "baseline",
     "rows",
     "command",

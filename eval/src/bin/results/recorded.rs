@@ -6,18 +6,19 @@ use serde_json::{Map, Value};
 
 use crate::{
     block::Block,
-    tables::{digits, table},
+    forest,
+    tables::{Filled, digits, table},
 };
 
 /// Returns what a block shows of an output: the text, a table of benchmarks, a table by name (`table=`), or a
-/// pivot of a list (`rows=`, `columns=`, `value=`).
+/// pivot (`rows=`, `columns=`, `value=`) or chart of a list.
 ///
 /// # Errors
 /// If there is no such table.
-pub fn fill(output: &Output, block: &Block) -> Result<String> {
-    match (&*block.kind, &output.output) {
-        ("text", Value::String(text)) => Ok(format!("```text\n{}\n```", text.trim_end())),
-        ("bench", Value::String(text)) => crate::bench::shown(text),
+pub fn fill(output: &Output, block: &Block) -> Result<Filled> {
+    Ok(match (&*block.kind, &output.output) {
+        ("text", Value::String(text)) => format!("```text\n{}\n```", text.trim_end()).into(),
+        ("bench", Value::String(text)) => crate::bench::shown(text)?.into(),
         ("table", value) => {
             let wanted = block.need("table")?;
             let mut found = Vec::new();
@@ -25,11 +26,12 @@ pub fn fill(output: &Output, block: &Block) -> Result<String> {
             if found.is_empty() {
                 bail!("there is no table '{wanted}'");
             }
-            Ok(found.iter().map(|(name, rows)| format!("{name}:\n\n{}\n", shown(rows))).collect())
+            found.iter().map(|(name, rows)| format!("{name}:\n\n{}\n", shown(rows))).collect::<String>().into()
         }
-        ("pivot", Value::Array(rows)) => pivot(rows, block),
+        ("pivot", Value::Array(rows)) => pivot(rows, block)?.into(),
+        ("forest", Value::Array(rows)) => forest::of_list(rows, block)?,
         (kind, _) => bail!("'{kind}' cannot show the output of this command"),
-    }
+    })
 }
 
 /// Collects tables whose names begin with `wanted`, in the order of the output.
@@ -114,7 +116,7 @@ mod tests {
         let rows = json!([{"sampler": "mis", "MSE": 0.25}]);
         let paper = output(json!([{"parts": [{"tables": [{"name": "numbers-a", "rows": rows}]}]}]));
         let block = |head: &str| Block::parse(head).unwrap();
-        let table = fill(&paper, &block("table paper command=paper table=numbers")).unwrap();
+        let table = fill(&paper, &block("table paper command=paper table=numbers")).unwrap().markdown;
         assert!(table.contains("| sampler | MSE |\n| --- | --- |\n| mis | 0.25 |"), "{table}");
         assert!(fill(&paper, &block("table paper command=paper table=words")).is_err());
     }
@@ -123,7 +125,24 @@ mod tests {
     fn lists_become_tables_by_two_keys() {
         let list = json!([{"r": "sun", "m": "mis", "v": "1"}, {"r": "sun", "m": "head", "v": 2.5}, {"r": "fog", "m": "head", "v": 3.0}]);
         let block = Block::parse("pivot s command=s rows=r columns=m value=v").unwrap();
-        let table = fill(&output(list), &block).unwrap();
+        let table = fill(&output(list), &block).unwrap().markdown;
         assert!(table.contains("| sun | 1.00 | 2.50 |\n| fog | \u{2013} | 3.00 |"), "{table}");
+    }
+
+    #[test]
+    fn lists_become_charts_of_ratios_to_a_baseline() {
+        let dot = |sampler: &str, scene: &str, ratio: f64| json!({"sampler": sampler, "scene": scene, "lit": "day", "ratio": ratio, "ratio_low": 0.9 * ratio, "ratio_high": 1.1 * ratio});
+        let list = json!([dot("mis", "tree", 1.0), dot("head", "tree", 2.0), dot("head", "room", 8.0), {"sampler": "head", "scene": "hall"}]);
+        let head =
+            "forest s command=s rows=sampler columns=scene value=ratio baseline=mis full=lit:night file=docs/s.svg";
+        let filled = fill(&output(list), &Block::parse(head).unwrap()).unwrap();
+        let (file, svg) = filled.chart.unwrap();
+        assert_eq!(file, "docs/s.svg");
+        assert!(
+            svg.contains(">4.00 (2)</text>") && !svg.contains(">mis</text>") && !svg.contains(">hall</text>"),
+            "{svg}"
+        );
+        // Two dots, both hollow, and two of the legend.
+        assert_eq!((svg.matches("<circle").count(), svg.matches("fill=\"white\" stroke").count()), (4, 2));
     }
 }

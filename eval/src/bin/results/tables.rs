@@ -85,7 +85,9 @@ impl Data {
             let (.., output) =
                 self.recorded.iter().find(is_it).with_context(|| format!("there is no command '{command}'"))?;
             let Some(output) = output else { return Ok(NOT_MEASURED.to_owned().into()) };
-            return Ok((recorded::fill(output, block)? + &self.provenance(output)).into());
+            let mut filled = recorded::fill(output, block)?;
+            filled.markdown += &self.provenance(output);
+            return Ok(filled);
         }
         let found = self.experiments.iter().find(|(own, _)| own.name == block.experiment);
         let (experiment, records) = found.with_context(|| format!("there is no experiment '{}'", block.experiment))?;
@@ -101,7 +103,7 @@ impl Data {
             "conditions" => self.conditions(experiment, &records).into(),
             "ratios" => ratios(&shown, block)?.into(),
             "views" => views(&shown, block)?.into(),
-            "forest" => forest::forest(&shown, block)?,
+            "forest" => forest::of_experiment(&shown, block)?,
             "cost" => cost(&shown, block)?.into(),
             "bias" => bias(&shown).into(),
             "weights" => weights(&shown).into(),
