@@ -16,7 +16,7 @@ def program():
 
 
 class Renderer:
-    def __init__(self, picture, sampler="auto"):
+    def __init__(self, picture, sampler="auto", points="sobol"):
         self.folder = tempfile.TemporaryDirectory()
         self.out = Path(self.folder.name) / "picture.exr"
         self.version = run([program(), "--version"]).split()[1]
@@ -29,7 +29,7 @@ class Renderer:
         ]  # fmt: skip
         self.command = [
             program(), "render", *self.view, "--env", picture.map, "--material", material, f"--depth={picture.depth}",
-            f"--threads={picture.threads}", f"--sampler={sampler}", "--force", "--out", str(self.out),
+            f"--threads={picture.threads}", f"--sampler={sampler}", f"--points={points}", "--force", "--out", str(self.out),
         ]  # fmt: skip
 
     def render(self, samples, seed):

@@ -6,18 +6,21 @@ Same triangles, camera, map, material and box filter; no clamping, denoising or 
 rendering call, after another one has built the scene and compiled kernels; the preparation of samplers (headtail)
 and the visibility cache (LuxCore) are included. The samples of a run take about the budget without preparation, and
 the variance is multiplied by seconds over budget.
-Renderers that cannot be imported are skipped, and those whose pictures differ from Cycles have no ratio; standard
-error reports both, with the progress. The rows are printed as JSON. Rows in the file of --store are not measured
-again.
+Renderers that cannot be imported are skipped, and those whose pictures differ from those of the baseline have no
+ratio; standard error reports both, with the progress. The rows are printed as JSON. Rows in the file of --store are
+not measured again.
+--comparison same-technique compares the speed of headtail and Mitsuba where they sample alike.
 
 headtail is the program of this checkout (`cargo build --release`), or the one named by HEADTAIL."""
 
 import argparse
+import itertools
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "2")
@@ -30,7 +33,6 @@ import headtail_renderer
 import measure
 import views
 
-BASELINE = "Cycles"
 # Module and options of each renderer, and the measured depths.
 RENDERERS = {
     "Cycles": ("cycles_renderer", {}, (1, 4)),
@@ -45,6 +47,26 @@ RENDERERS = {
     "headtail patches+vis": ("headtail_renderer", {"sampler": "patches+vis"}, (1, 4)),
     "headtail auto": ("headtail_renderer", {"sampler": "auto"}, (1, 4)),
 }
+# The same technique: one direction of the emitter and one of the BRDF, from independent points.
+SAME_TECHNIQUE = {
+    "Mitsuba": ("mitsuba_renderer", {}, (1,)),
+    "headtail": ("headtail_renderer", {"sampler": "mis2", "points": "independent"}, (1,)),
+}
+
+
+@dataclass
+class Comparison:
+    """What is compared: views, renderers and the one that the others are compared with."""
+
+    views: list
+    renderers: dict
+    baseline: str
+
+
+COMPARISONS = {
+    "renderers": Comparison(views.VIEWS, RENDERERS, "Cycles"),
+    "same-technique": Comparison(views.MESHES, SAME_TECHNIQUE, "Mitsuba"),
+}
 
 
 def log(text):
@@ -57,12 +79,14 @@ def arguments():
     numbers = lambda kind: lambda text: [kind(part) for part in text.split(",")]
     parser.add_argument("--data", type=Path, help="folder of maps and scenes")
     parser.add_argument("--store", type=Path, help="file of rows that are measured already, and to which new ones are added")
+    parser.add_argument("--comparison", choices=COMPARISONS, default="renderers")
     parser.add_argument("--views", type=lambda text: text.split(";"), help="beginnings of names, separated by semicolons")
     parser.add_argument("--renderers", type=lambda text: text.split(";"), help="names separated by semicolons")
     parser.add_argument("--materials", type=names, default=list(views.MATERIALS))
     parser.add_argument("--depths", type=numbers(int), default=[1, 4])
     parser.add_argument("--budgets", type=numbers(float), default=[1.0, 4.0], help="seconds of a picture")
     parser.add_argument("--runs", type=int, default=4, help="pictures with different seeds")
+    parser.add_argument("--rounds", type=int, default=1, help="measurements of a picture, alternately by all renderers")
     parser.add_argument("--width", type=int, default=views.WIDTH)
     parser.add_argument("--height", type=int, default=views.HEIGHT)
     parser.add_argument("--threads", type=int, default=2)
@@ -78,27 +102,28 @@ def main():
     options = arguments()
     if options.worker:
         return work(json.loads(options.worker.read_text()))
-    rows = stored(options.store)
-    available = importable([name for name in RENDERERS if not options.renderers or name in options.renderers])
+    rows, comparison = stored(options.store), COMPARISONS[options.comparison]
+    wanted = {name: own for name, own in comparison.renderers.items() if not options.renderers or name in options.renderers}
+    available = importable(wanted)
     with tempfile.TemporaryDirectory() as folder:
-        for view in views.VIEWS:
+        for view in comparison.views:
             if not options.views or view.name.startswith(tuple(options.views)):
                 measure_view(view, options, available, rows, Path(folder))
     settings = [getattr(options, name) for name in ("runs", "width", "height", "threads")]
-    print(json.dumps(report([row for row in rows if list(key(row)[5:]) == settings])))
+    print(json.dumps(report([row for row in rows if list(key(row)[6:]) == settings], comparison)))
 
 
-def importable(names):
-    """Returns names of renderers whose modules can be imported, and reports the others."""
-    found, known = [], {}
-    for name in names:
-        module = RENDERERS[name][0]
+def importable(renderers):
+    """Returns renderers whose modules can be imported, and reports the others."""
+    found, known = {}, {}
+    for name, renderer in renderers.items():
+        module = renderer[0]
         if module not in known:
             command = [sys.executable, "-c", f"import {module}"]
             environment = {**os.environ, "PYTHONPATH": str(HERE)}
             known[module] = subprocess.run(command, env=environment, capture_output=True, text=True)
         if known[module].returncode == 0:
-            found.append(name)
+            found[name] = renderer
         else:
             reason = known[module].stderr.strip().splitlines() or ["it ended without a message"]
             log(f"SKIPPED: {name}: {reason[-1]}")
@@ -106,7 +131,7 @@ def importable(names):
 
 
 def key(row):
-    names = ("view", "material", "depth", "renderer", "budget", "runs", "width", "height", "threads")
+    names = ("view", "material", "depth", "renderer", "round", "budget", "runs", "width", "height", "threads")
     return tuple(row[name] for name in names)
 
 
@@ -115,7 +140,7 @@ def stored(path):
     rows = []
     for line in path.read_text().splitlines() if path and path.exists() else []:
         try:
-            rows.append(json.loads(line))
+            rows.append({"round": 0, **json.loads(line)})
         except json.JSONDecodeError:
             log(f"{path}: an incomplete row is left out")
     return rows
@@ -141,11 +166,10 @@ def measure_view(view, options, available, rows, folder):
     known = {key(row) for row in rows}
     for depth in options.depths:
         for material in view.materials:
-            for name in available:
-                common = dict(view=view.name, material=material, depth=depth, renderer=name)
+            for turn, (name, (module, settings, depths)) in itertools.product(range(options.rounds), available.items()):
+                common = dict(view=view.name, material=material, depth=depth, renderer=name, round=turn)
                 common.update({field: getattr(options, field) for field in ("runs", "width", "height", "threads")})
                 budgets = [budget for budget in sorted(options.budgets) if key({**common, "budget": budget}) not in known]
-                module, settings, depths = RENDERERS[name]
                 if material not in options.materials or depth not in depths or not budgets:
                     continue
                 has_portals = frame["portals"] or "portals" not in settings
@@ -155,7 +179,8 @@ def measure_view(view, options, available, rows, folder):
                     continue
                 log(f"{view.name}, {material}, depth {depth}: {name}")
                 picture = dict(alpha=views.MATERIALS[material], depth=depth, **frame)
-                task = dict(common=common, budgets=budgets, picture=picture, geometry=str(geometry), out=str(folder / "rows.json"))
+                renderer = dict(module=module, settings=settings)
+                task = dict(common=common, budgets=budgets, picture=picture, geometry=str(geometry), out=str(folder / "rows.json"), **renderer)
                 for row in by_worker(task, folder, options.timeout):
                     rows.append(row)
                     if options.store:
@@ -185,10 +210,9 @@ def by_worker(task, folder, timeout):
 
 def work(task):
     """Measures one picture by one renderer at all budgets."""
-    module, settings, _ = RENDERERS[task["common"]["renderer"]]
     geometry = np.load(task["geometry"])
     picture = views.Picture(vertices=geometry["vertices"], faces=geometry["faces"], **task["picture"])
-    renderer = __import__(module).Renderer(picture, **settings)
+    renderer = __import__(task["module"]).Renderer(picture, **task["settings"])
     mask = measure.interior(geometry["coverage"])
     rows, samples = [], 1
     renderer.render(1, 0)
@@ -208,18 +232,21 @@ def work(task):
     Path(task["out"]).write_text(json.dumps(rows))
 
 
-def report(rows):
+def report(rows, comparison):
     """Returns the rows with their ratios to the baseline, and geometric means over pictures."""
-    views_in_order, renderers = [view.name for view in views.VIEWS], list(RENDERERS)
+    views_in_order, renderers = [view.name for view in comparison.views], list(comparison.renderers)
     place = lambda row: (row["depth"], row["budget"], views_in_order.index(row["view"]), row["material"], renderers.index(row["renderer"]))
-    baselines = {place(row)[:4]: row for row in rows if row["renderer"] == BASELINE}
+    pictures = {}
+    for row in sorted(rows, key=lambda row: row["round"]):
+        pictures.setdefault(place(row), []).append(row)
     shown, ratios = [], {}
-    for row in sorted(rows, key=place):
-        own = {name: value for name, value in row.items() if name != "blocks"}
+    for own_place in sorted(pictures):
+        rounds = pictures[own_place]
+        row, baselines = rounds[0], pictures.get((*own_place[:4], renderers.index(comparison.baseline)), [])
+        own = {name: value for name, value in row.items() if name not in ("blocks", "round")}
         own["picture"] = f"{row['view']}, {row['material']}"
-        own["ms_per_sample"] = 1000 * (row["seconds"] - row["preparation"]) / row["samples"]
-        baseline = baselines.get(place(row)[:4])
-        own.update(compared(row, baseline) if baseline else {})
+        own["ms_per_sample"] = float(np.mean([1000 * (row["seconds"] - row["preparation"]) / row["samples"] for row in rounds]))
+        own.update(combined([compared(*pair) for pair in zip(rounds, baselines)]))
         shown.append(own)
         if "ratio" in own:
             group = ratios.setdefault((row["depth"], row["budget"], row["renderer"]), [])
@@ -241,17 +268,34 @@ def compared(row, baseline):
     if not measure.agree(row, baseline):
         log(
             f"LEFT OUT: {row['view']}, {row['material']}, depth {row['depth']}, {row['budget']:g} s: {row['renderer']}: its picture differs from that "
-            f"of {BASELINE}: the mean by {100 * relative:+.2f} % (standard error {100 * error:.2f} %), blocks by {100 * blocks:.2f} %"
+            f"of {baseline['renderer']}: the mean by {100 * relative:+.2f} % (standard error {100 * error:.2f} %), blocks by {100 * blocks:.2f} %"
         )
         return own
     ratio, low, high = measure.ratio(baseline, row)
+    without = measure.ratio(baseline, row, preparation=False)[0]
     per_sample = baseline["variance"] * baseline["samples"] / (row["variance"] * row["samples"])
     return own | {
-        "ratio": ratio, "ratio_low": low, "ratio_high": high,
-        "ratio_without_preparation": digits(measure.ratio(baseline, row, preparation=False)[0]),
-        "ratio_per_sample": per_sample,
-        "ratio_at_equal_time": "1" if row is baseline else f"{digits(ratio)} [{digits(low)}, {digits(high)}]",
-        "ratio_at_equal_samples": digits(per_sample),
+        "ratio": ratio, "ratio_low": low, "ratio_high": high, "ratio_per_sample": per_sample, "without_preparation": without,
+    }  # fmt: skip
+
+
+def combined(rounds):
+    """Returns the comparison of all rounds: geometric means of ratios; their range instead of an interval if there is
+    more than one."""
+    if not rounds:
+        return {}
+    own = dict(rounds[0])
+    if any("ratio" not in one for one in rounds):
+        return {name: value for name, value in own.items() if name.endswith("difference") or name.endswith("error")}
+    for name in ("ratio", "ratio_per_sample", "without_preparation"):
+        own[name] = float(np.exp(np.mean(np.log([one[name] for one in rounds]))))
+    if len(rounds) > 1:
+        own["ratio_low"], own["ratio_high"] = (pick(one["ratio"] for one in rounds) for pick in (min, max))
+    low, high = own["ratio_low"], own["ratio_high"]
+    return own | {
+        "ratio_without_preparation": digits(own.pop("without_preparation")),
+        "ratio_at_equal_time": "1" if low == high == 1 else f"{digits(own['ratio'])} [{digits(low)}, {digits(high)}]",
+        "ratio_at_equal_samples": digits(own["ratio_per_sample"]),
     }  # fmt: skip
 
 

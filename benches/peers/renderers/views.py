@@ -1,7 +1,7 @@
 """The views for all renderers: triangles, camera, map and materials."""
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -43,6 +43,12 @@ VIEWS = [
         ([0.0, 1.6, 1.5], [-0.1, 2.1, -2.5], 65.0), ("diffuse", "glossy"),
     ),
 ]  # fmt: skip
+# All scenes that stand on a ground.
+MESHES = [
+    *[replace(view, materials=("diffuse",)) for view in VIEWS if not view.camera],
+    View("bridge garden, kloofendal", "japanese_bridge_garden", "kloofendal_overcast_1k"),
+    View("spot, studio", "spot", "studio_small_03_1k"),
+]
 
 
 @dataclass
