@@ -14,7 +14,7 @@ use headtail_render::{
     brdf::{BrdfTable, Surface},
     estimator::Estimator,
     integrator::{Rendering, View, learn_visibility},
-    portals::{Portal, Portals, openness},
+    portals::{Portal, openness},
     spec::SamplerSpec,
 };
 
@@ -42,7 +42,7 @@ const PREPARATION: f64 = 0.3;
 /// portals is found by few samples.
 const OPEN: f32 = 0.02;
 const COVERED: f32 = 0.98;
-/// Openness and coverage are estimated from 1 of so many paths.
+/// Strides through the paths that estimate openness and coverage.
 const STEPS: [usize; 2] = [16, 4];
 /// Cost of finding portals and preparing their sampler, in samples of `mis`, and the largest fraction of a budget
 /// that it takes: with portals, the error is smaller by more than the samples that this takes away.
@@ -165,7 +165,7 @@ fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
     if view.unshadowed || SEARCH > affordable || openness(scene, camera, STEPS[0]) > OPEN {
         return None;
     }
-    let found = Portals::find(scene, camera).ok()?;
+    let found = view.portals().ok()?;
     (found.coverage(scene, camera, STEPS[1]) >= COVERED).then_some(found.portals)
 }
 

@@ -56,7 +56,7 @@ SAME_TECHNIQUE = {
 
 @dataclass
 class Comparison:
-    """What is compared: views, renderers and the one that the others are compared with."""
+    """Views and renderers, and the renderer that all others are compared with."""
 
     views: list
     renderers: dict
@@ -285,8 +285,9 @@ def combined(rounds):
     if not rounds:
         return {}
     own = dict(rounds[0])
-    if any("ratio" not in one for one in rounds):
-        return {name: value for name, value in own.items() if name.endswith("difference") or name.endswith("error")}
+    without_ratio = [one for one in rounds if "ratio" not in one]
+    if without_ratio:
+        return without_ratio[0]
     for name in ("ratio", "ratio_per_sample", "without_preparation"):
         own[name] = float(np.exp(np.mean(np.log([one[name] for one in rounds]))))
     if len(rounds) > 1:

@@ -67,8 +67,7 @@ impl Portals {
     /// The result is the same on any number of threads.
     ///
     /// # Errors
-    /// [`Error::Argument`] if more than 40 % of the rays reach the environment, so that this is no room, or none
-    /// do.
+    /// [`Error::Argument`] if more than 40 % of the rays reach the environment (the scene is not a room), or none.
     pub fn find(scene: &Scene, camera: &Camera) -> Result<Self> {
         let rays = RoomRays::trace(scene, camera, SEARCH, 1);
         let openness = rays.openness();

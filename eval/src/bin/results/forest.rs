@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use headtail_eval::summary::{Interval, Ratios, ViewRuns};
 use serde_json::Value;
 
@@ -37,7 +37,8 @@ struct Forest {
     title: String,
     mean: &'static str,
     rows: Vec<Row>,
-    legend: Vec<(String, Mark)>,
+    /// Names of the series.
+    legend: Vec<String>,
     ticks: &'static [f64],
     /// Least and greatest end of the axis.
     limits: (f64, f64),
@@ -76,7 +77,7 @@ pub fn of_experiment(shown: &Shown<'_>, block: &Block) -> Result<Filled> {
         title: format!("MSE of the best of {} over ours; bars: 95 % intervals", baselines.join(", ")),
         mean: "geometric mean",
         rows,
-        legend: numbered(scenes),
+        legend: scenes,
         ticks: &[0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0],
         limits: (0.1, 100.0),
     };
@@ -91,10 +92,11 @@ pub fn of_experiment(shown: &Shown<'_>, block: &Block) -> Result<Filled> {
 
 /// Returns the chart of a block on a recorded list and the line that embeds it: `rows=` and `columns=` name the keys
 /// of rows and colours, `value=` that of the ratio, whose interval is under the same key with `_low` and `_high`;
-/// `baseline=` is the row that the ratios refer to, which is not drawn, and `full=key:value` selects full dots.
+/// `baseline=` is the row that the ratios refer to, which is not drawn, and `full=key:value` selects full dots. Objects
+/// without an interval are left out.
 ///
 /// # Errors
-/// If a setting or a key is missing.
+/// If a setting is missing, or nothing is drawn.
 pub fn of_list(list: &[Value], block: &Block) -> Result<Filled> {
     let [row_key, series_key, value_key] = [block.need("rows")?, block.need("columns")?, block.need("value")?];
     let (baseline, full) = (block.need("baseline")?, block.need("full")?);
@@ -119,6 +121,7 @@ pub fn of_list(list: &[Value], block: &Block) -> Result<Filled> {
             None => rows.push(Row { label: label.to_owned(), dots: vec![dot], mean: String::new() }),
         }
     }
+    ensure!(!rows.is_empty(), "there is no '{value_key}' with '{value_key}_low' and '{value_key}_high'");
     for row in &mut rows {
         let logs: f64 = row.dots.iter().map(|(interval, _)| interval.value.ln()).sum();
         row.mean = format!("{} ({})", digits((logs / row.dots.len() as f64).exp()), row.dots.len());
@@ -128,16 +131,11 @@ pub fn of_list(list: &[Value], block: &Block) -> Result<Filled> {
         title: format!("{value_key} to {baseline}; bars: 95 % intervals; hollow: {full_key} other than {full_value}"),
         mean: "geometric mean (dots)",
         rows,
-        legend: numbered(series),
+        legend: series,
         ticks: &[0.01, 0.1, 1.0, 10.0, 100.0],
         limits: (0.01, 1000.0),
     };
     filled(&chart, &alt, block)
-}
-
-/// Returns a legend of full dots.
-fn numbered(names: Vec<String>) -> Vec<(String, Mark)> {
-    names.into_iter().enumerate().map(|(series, name)| (name, Mark { series, is_full: true })).collect()
 }
 
 fn filled(chart: &Forest, alt: &str, block: &Block) -> Result<Filled> {
@@ -162,11 +160,11 @@ impl Forest {
         for (index, row) in self.rows.iter().enumerate() {
             row.draw(&mut svg, axis, TOP + ROW * (index as f64 + 0.5));
         }
-        for (index, (name, mark)) in self.legend.iter().enumerate() {
-            let (column, line) = ((index % 4) as f64, (index / 4) as f64);
+        for (series, name) in self.legend.iter().enumerate() {
+            let (column, line) = ((series % 4) as f64, (series / 4) as f64);
             let (x, y) = (LEFT - 160.0 + 165.0 * column, legend + 16.0 * line);
             text(&mut svg, (x + 12.0, y + 4.0), "start", name);
-            dot(&mut svg, (x, y), *mark);
+            dot(&mut svg, (x, y), Mark { series, is_full: true });
         }
         svg + "</svg>\n"
     }
@@ -213,8 +211,9 @@ impl Row {
         let count = self.dots.len() as f64;
         for (number, (interval, mark)) in self.dots.iter().enumerate() {
             let y = middle + (number as f64 - 0.5 * (count - 1.0)) * (ROW - 5.0) / count.max(4.0);
-            if interval.value < axis.low {
-                text(svg, (axis.x(interval.value), y + 4.0), "middle", "\u{25c2}");
+            if !(axis.low..=axis.high).contains(&interval.value) {
+                let arrow = if interval.value < axis.low { "\u{25c2}" } else { "\u{25b8}" };
+                text(svg, (axis.x(interval.value), y + 4.0), "middle", arrow);
                 continue;
             }
             let _ = writeln!(

@@ -144,5 +144,7 @@ mod tests {
         );
         // Two dots, both hollow, and two of the legend.
         assert_eq!((svg.matches("<circle").count(), svg.matches("fill=\"white\" stroke").count()), (4, 2));
+        let misspelt = head.replace("value=ratio", "value=ration");
+        assert!(fill(&output(json!([dot("head", "tree", 2.0)])), &Block::parse(&misspelt).unwrap()).is_err());
     }
 }
