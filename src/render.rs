@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
-use headtail_eval::{Budget, Choice, OpenedView, part_text};
+use headtail_eval::{Budget, Choice, OpenedView, Trial, part_text};
 use headtail_render::{
     estimator::Estimator,
     file,
@@ -185,9 +185,11 @@ fn prepared(
         return Ok((spec.clone(), opened.estimator(spec)?, None));
     }
     let Choice { spec, estimator, trials, reason, seconds } = headtail_eval::choose(opened, budget, stop)?;
-    let best = trials.iter().map(|trial| trial.error * trial.cost).fold(f64::INFINITY, f64::min);
-    let trials: Vec<String> =
-        trials.iter().map(|trial| format!("{} {:.2}", trial.spec, best / (trial.error * trial.cost))).collect();
+    let efficiency = |trial: &Trial| match trial.efficiency(&trials) {
+        Some(efficiency) => format!("{} {efficiency:.2}", trial.spec),
+        None => format!("{} missed light", trial.spec),
+    };
+    let trials: Vec<String> = trials.iter().map(efficiency).collect();
     let why = match trials.is_empty() {
         true => reason.to_owned(),
         false => format!("relative {reason} of {seconds:.2} s: {}", trials.join(", ")),

@@ -35,6 +35,9 @@ const SEEDS: [u64; 2] = [0x7069_6c6f_7431, 0x7069_6c6f_7432];
 const TRIMMED: f64 = 0.01;
 /// Factor by which the second candidate must seem better than the first, which is better in most views.
 const MARGIN: f64 = 1.04;
+/// Fraction of the most light that a candidate saw, below which a candidate has missed light: its error says
+/// nothing.
+const MISSED: f64 = 0.5;
 /// Cost of preparing the second candidate, in samples of `mis` per texel of the map.
 const PREPARATION: f64 = 0.3;
 /// The largest fraction of a room's rays that reaches the environment, and the least coverage of portals, for
@@ -82,8 +85,31 @@ pub struct Trial {
     pub spec: SamplerSpec,
     /// Mean squared error of the pilot's picture, without its worst pixels.
     pub error: f64,
+    /// Mean of the same pixels.
+    pub light: f64,
     /// Time of a sample relative to one of `mis`.
     pub cost: f64,
+}
+
+impl Trial {
+    /// Mean squared error times cost, of which the least is best.
+    fn price(&self) -> f64 {
+        self.error * self.cost
+    }
+
+    /// Whether the candidate saw so much less light than another that its error says nothing.
+    fn missed_light(&self, trials: &[Self]) -> bool {
+        self.light < MISSED * trials.iter().map(|trial| trial.light).fold(0.0, f64::max)
+    }
+
+    /// Returns the efficiency relative to the best of the trials, at most 1; `None` if this one missed light that
+    /// another saw.
+    pub fn efficiency(&self, trials: &[Self]) -> Option<f64> {
+        let best =
+            trials.iter().filter(|trial| !trial.missed_light(trials)).map(Self::price).fold(f64::INFINITY, f64::min);
+        // Errors can be 0, as under uniform light.
+        (!self.missed_light(trials)).then(|| if self.price() > best { best / self.price() } else { 1.0 })
+    }
 }
 
 /// The sampler chosen for a view.
@@ -143,10 +169,9 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let informed = patches.clone().with_precomputed(&learned)?;
     let compensated = SamplerSpec::split_compensated(DIRECTIONS);
     let split_mis = view.estimator(&compensated)?;
-    let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| Trial {
-        error: error(&small, estimator, samples, stop),
-        spec,
-        cost,
+    let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| {
+        let [error, light] = error_and_light(&small, estimator, samples, stop);
+        Trial { spec, error, light, cost }
     };
     let trials = vec![trial(spec, costs[0], &informed), trial(compensated, costs[1], &*split_mis)];
     let chosen = best_of(&trials);
@@ -169,12 +194,12 @@ fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
     (found.coverage(scene, camera, STEPS[1]) >= COVERED).then_some(found.portals)
 }
 
-/// Returns the index of the most efficient candidate: the first one, unless another is better by [`MARGIN`].
+/// Returns the index of the most efficient candidate that missed no light: the first one, unless another is better by
+/// [`MARGIN`].
 fn best_of(trials: &[Trial]) -> usize {
-    let price = |k: usize| trials[k].error * trials[k].cost * if k == 0 { 1.0 } else { MARGIN };
-    let best = (0..trials.len()).min_by(|&a, &b| price(a).total_cmp(&price(b)));
-    // Error 0: the camera sees nothing lit, and the pilot says nothing.
-    best.filter(|_| trials[0].error > 0.0).unwrap_or(0)
+    let price = |k: usize| trials[k].price() * if k == 0 { 1.0 } else { MARGIN };
+    let eligible = (0..trials.len()).filter(|&k| !trials[k].missed_light(trials));
+    eligible.min_by(|&a, &b| price(a).total_cmp(&price(b))).unwrap_or(0)
 }
 
 /// Converts a budget to samples of `mis` over all pixels; `seconds_per_sample` is the time of one thread.
@@ -214,17 +239,19 @@ fn class_of(surface: &Surface) -> SurfaceClass {
     }
 }
 
-/// Returns half the mean squared difference of two pilots, without the worst pixels.
-fn error(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &AtomicBool) -> f64 {
+/// Returns half the mean squared difference of two pilots, and their mean, without the worst pixels.
+fn error_and_light(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &AtomicBool) -> [f64; 2] {
     let budget = Budget::Samples(samples);
     let [a, b]: [Rendering; 2] =
         SEEDS.map(|seed| small.render(estimator, budget, small.points(budget, seed), stop, &|_| {}));
-    let square =
-        |(a, b): (&[f32; 3], &[f32; 3])| -> f64 { (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 6.0 };
-    let mut squares: Vec<f64> = a.surfaces.pixels.iter().zip(&b.surfaces.pixels).map(square).collect();
-    squares.sort_by(f64::total_cmp);
-    let kept = squares.len() - (TRIMMED * squares.len() as f64) as usize;
-    squares[..kept].iter().sum::<f64>() / kept as f64
+    let of_pixel = |(a, b): (&[f32; 3], &[f32; 3])| -> [f64; 2] {
+        let square = (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 6.0;
+        [square, (0..3).map(|c| f64::from(a[c]) + f64::from(b[c])).sum::<f64>() / 6.0]
+    };
+    let mut pixels: Vec<[f64; 2]> = a.surfaces.pixels.iter().zip(&b.surfaces.pixels).map(of_pixel).collect();
+    pixels.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let kept = pixels.len() - (TRIMMED * pixels.len() as f64) as usize;
+    [0, 1].map(|k| pixels[..kept].iter().map(|pixel| pixel[k]).sum::<f64>() / kept as f64)
 }
 
 #[cfg(test)]
@@ -258,6 +285,28 @@ mod tests {
         for (a, b) in one.trials.iter().zip(&two.trials) {
             assert_eq!((a.error.to_bits(), a.cost), (b.error.to_bits(), b.cost));
         }
+    }
+
+    #[test]
+    fn candidates_that_miss_light_are_not_chosen() {
+        let trial = |error: f64, light: f64, cost: f64| Trial { spec: "mis".parse().unwrap(), error, light, cost };
+        let efficiencies =
+            |trials: &[Trial]| -> Vec<Option<f64>> { trials.iter().map(|trial| trial.efficiency(trials)).collect() };
+        // The first one saw nothing.
+        let trials = [trial(0.0, 0.0, 3.0), trial(2.0, 1.0, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (1, vec![None, Some(1.0)]));
+        let trials = [trial(2.0, 1.0, 3.0), trial(0.0, 0.4, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (0, vec![Some(1.0), None]));
+        // A uniform sky, in which both are exact, or one is.
+        let trials = [trial(0.0, 1.0, 3.0), trial(0.0, 1.0, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (0, vec![Some(1.0), Some(1.0)]));
+        let trials = [trial(0.1, 1.0, 3.0), trial(0.0, 1.0, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (1, vec![Some(0.0), Some(1.0)]));
+        // Nothing is lit.
+        let trials = [trial(0.0, 0.0, 3.0), trial(0.0, 0.0, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (0, vec![Some(1.0), Some(1.0)]));
+        let trials = [trial(1.0, 1.0, 3.0), trial(1.0, 0.9, 2.0)];
+        assert_eq!((best_of(&trials), efficiencies(&trials)), (1, vec![Some(2.0 / 3.0), Some(1.0)]));
     }
 
     #[test]

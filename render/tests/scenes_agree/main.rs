@@ -2,6 +2,7 @@
 
 mod budgets;
 mod flow_tails;
+mod hidden_lamps;
 #[path = "../layers/mod.rs"]
 mod layers;
 mod learning;

@@ -6,15 +6,18 @@
 //! | `map_file.rs` | maps in files, and their names |
 //! | `built_in.rs` | `overcast`, `window`, `studio`, `sunset` |
 //! | `density.rs` | the light of a map as a density over X |
+//! | `defensive.rs` | the least luminance that samplers assume under extreme lamps |
 //! | `bilinear.rs` | sampling linear and bilinear functions |
 
 mod bilinear;
 mod built_in;
+mod defensive;
 mod density;
 mod map_file;
 
 pub use bilinear::{Corners, invert_linear, sample_linear};
 pub use built_in::{BUILT_IN_NAMES, built_in};
+pub(crate) use defensive::row_weights;
 pub use density::BilinearDensity;
 pub use map_file::MapSpec;
 
@@ -52,6 +55,8 @@ pub struct Environment {
     /// Radiance, and the density of the map's light over X.
     texels: Arc<Large<[f32; 4]>>,
     density: BilinearDensity,
+    /// The least luminance that samplers assume of texels that are not black.
+    least_luminance: f32,
     remarks: Vec<Remark>,
     hash: String,
 }
@@ -106,13 +111,15 @@ impl Environment {
             height = 2;
         }
         let hash = hash(width, height, &pixels);
-        let luminance: Vec<f32> = pixels.iter().map(|&texel| luminance(Vec3A::from_array(texel))).collect();
+        let mut luminance: Vec<f32> = pixels.iter().map(|&texel| luminance(Vec3A::from_array(texel))).collect();
+        let least_luminance = defensive::least_luminance(width, height, &luminance);
+        luminance.iter_mut().for_each(|value| *value = defensive::raised(*value, least_luminance));
         let density = BilinearDensity::new(width, height, &luminance)?;
         let texel = |([red, green, blue], node): (&[f32; 3], f32)| [*red, *green, *blue, node];
         let texels: Vec<[f32; 4]> = pixels.iter().zip(density.nodes()).map(texel).collect();
         let texels = Arc::new(Large::from(texels));
         let density = density.in_texels(&texels);
-        Ok(Self { name: name.to_owned(), width, height, texels, density, remarks, hash })
+        Ok(Self { name: name.to_owned(), width, height, texels, density, least_luminance, remarks, hash })
     }
 
     /// The map's short name.
@@ -140,12 +147,22 @@ impl Environment {
         &self.hash
     }
 
-    /// The luminance of every texel, `[height * width]`.
+    /// The luminance to which samplers are proportional, `[height * width]`: that of every texel, raised to
+    /// 1/64 of the map's mean in maps with extreme lamps (`environment/defensive.rs`), so that light beside a
+    /// hidden lamp is sampled.
     pub fn luminance(&self) -> Vec<f32> {
-        self.texels.iter().map(|&[red, green, blue, _]| luminance(Vec3A::new(red, green, blue))).collect()
+        let of_texel = |&[red, green, blue, _]: &[f32; 4]| {
+            defensive::raised(luminance(Vec3A::new(red, green, blue)), self.least_luminance)
+        };
+        self.texels.iter().map(of_texel).collect()
     }
 
-    /// The normalised density of the map's luminance over X.
+    /// The least of [`Self::luminance`] at texels that are not black; 0 without extreme lamps.
+    pub(crate) fn least_luminance(&self) -> f32 {
+        self.least_luminance
+    }
+
+    /// The normalised density of [`Self::luminance`] over X.
     pub fn density(&self) -> &BilinearDensity {
         &self.density
     }

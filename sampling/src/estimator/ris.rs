@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use glam::Vec3A;
+
 use super::{Contributions, Estimator, contribute, integrand};
 use crate::{
+    color::luminance,
     columns::Arena,
     discrete::remap,
     environment::Environment,
@@ -17,7 +20,8 @@ use crate::{
 
 /// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws that alternate
 /// between two techniques, with balance-heuristic weights between them. The target is the luminance of light
-/// x BRDF x cosine without visibility.
+/// x BRDF x cosine without visibility; the light is that of [`Environment::luminance`], so that a hidden lamp does not
+/// always survive.
 ///
 /// The pdf of the surviving direction has no closed form, only an unbiased estimate of its reciprocal: RIS is
 /// an estimator, not a sampler, and cannot be combined by MIS.
@@ -127,6 +131,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
                 target[strip][lane] = if own_pdf[strip][lane] > 0.0 { luminance } else { 0.0 };
             }
         }
+        self.raise([x, y, z], target, arena);
         let (density, others) = (own_pdf, u);
         timed(Stage::Pdf, || other.0.pdf(at, other.1, [x, y, z], others, arena));
         let of_second = (self.candidates / 2) as f32;
@@ -138,6 +143,23 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
         }
         let [_, _, x, y, z, density, target, ..] = columns.get();
         reservoirs.add(&Candidates { wi: [x, y, z], target, density });
+    }
+}
+
+impl<A, B> Ris<A, B> {
+    /// Raises targets under extreme lamps, as [`Environment::luminance`] does.
+    fn raise(&self, wi: [&[Lanes]; 3], targets: &mut [Lanes], arena: &Arena) {
+        let least = self.environment.least_luminance();
+        if least == 0.0 {
+            return;
+        }
+        let mut radiance = arena.columns::<3>(targets.len());
+        self.environment.radiances(wi, radiance.get_mut());
+        let [red, green, blue] = radiance.get().map(<[Lanes]>::as_flattened);
+        for (place, target) in targets.as_flattened_mut().iter_mut().enumerate() {
+            let luminance = luminance(Vec3A::new(red[place], green[place], blue[place]));
+            *target *= if luminance > 0.0 && luminance < least { least / luminance } else { 1.0 };
+        }
     }
 }
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Coverage, Draws, EnvironmentLight, Sampler};
-use crate::{columns::Arena, error::Result, simd::Lanes, tail::Tail, tile::Rows};
+use crate::{columns::Arena, environment::row_weights, error::Result, simd::Lanes, tail::Tail, tile::Rows};
 
 /// Samples the environment map, without regard to the surface.
 #[derive(Clone, Debug)]
@@ -44,8 +44,7 @@ impl EmitterSampler {
 /// Returns the mean of a map over the sphere.
 fn solid_angle_mean(width: usize, height: usize, luminance: &[f32]) -> f32 {
     let (mut sum, mut weights) = (0.0_f64, 0.0_f64);
-    for (row, values) in luminance.chunks_exact(width).enumerate() {
-        let weight = (std::f64::consts::PI * row as f64 / (height - 1) as f64).sin().max(1e-6);
+    for (weight, values) in row_weights(height).zip(luminance.chunks_exact(width)) {
         sum += weight * values.iter().map(|&value| f64::from(value)).sum::<f64>();
         weights += weight * width as f64;
     }
