@@ -82,7 +82,8 @@ fn files(environment: &Environment, folder: &Path) -> Vec<String> {
 #[test]
 fn sampling_does_not_allocate() {
     // Without samplers that train, which allocate.
-    const SAMPLERS: [&str; 8] = ["brdf", "emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "split:4:patches"];
+    const SAMPLERS: [&str; 8] =
+        ["brdf", "emitter", "mis", "mis2", "split:2:mis2-comp", "ris:4", "patches", "split:4:patches"];
     const WIDTH: usize = 32;
     const HEIGHT: usize = 32;
     const FEW: u32 = 32;

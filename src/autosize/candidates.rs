@@ -111,12 +111,13 @@ pub static HEADS: [HeadShape; 11] = [
 pub const STEPS: [usize; 3] = [250, 1000, 4000];
 
 /// Samplers without a file, for all surfaces.
-const PLAIN: [&str; 18] = [
+const PLAIN: [&str; 19] = [
     "cosine",
     "emitter",
     "mis",
     "mis2",
     "mis-comp",
+    "mis2-comp",
     "ris:4",
     "ris:8",
     "ris:4:mis-comp",

@@ -91,7 +91,7 @@ impl Kind {
         let has_visibility = *spec.visibility() != Visibility::None;
         match (spec.combiner(), source, companion) {
             (_, Source::Portals(_), _) => Self::Portals,
-            (Combiner::TwoSampleMis, ..) => Self::TwoSampleMis,
+            (Combiner::TwoSampleMis(_), ..) => Self::TwoSampleMis,
             (Combiner::Ris(_), ..) if is_product => Self::RisOfProduct,
             (Combiner::Ris(_), ..) => Self::Ris,
             (_, Source::Auto, _) => Self::Auto,

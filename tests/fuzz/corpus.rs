@@ -272,6 +272,7 @@ pub fn specs() -> Vec<Vec<u8>> {
         "mis",
         "mis2",
         "mis-comp",
+        "mis2-comp",
         "brdf",
         "cosine",
         "emitter",

@@ -140,10 +140,19 @@ fn exported(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
 }
 
 fn samplers(folder: &Path, environment: &Environment) -> Vec<SamplerSpec> {
-    let mut samplers: Vec<SamplerSpec> =
-        ["emitter", "mis", "mis2", "mis-comp", "ris:4", "patches", "patches+vis", "split:2:patches+vis"]
-            .map(|name| name.parse().unwrap())
-            .into();
+    let mut samplers: Vec<SamplerSpec> = [
+        "emitter",
+        "mis",
+        "mis2",
+        "mis-comp",
+        "split:2:mis2-comp",
+        "ris:4",
+        "patches",
+        "patches+vis",
+        "split:2:patches+vis",
+    ]
+    .map(|name| name.parse().unwrap())
+    .into();
     samplers.extend(exported(folder, environment));
     // The walls and the ceiling of a box around the scenes: only light from below misses them. Bright light
     // that misses portals is in rare samples, whose mean is not normal.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Contributions, Estimator, contribute};
+use super::{Contributions, Estimator, contribute, split::check_directions};
 use crate::{
     columns::Arena,
     environment::Environment,
@@ -15,11 +15,12 @@ use crate::{
 };
 
 /// Two-sample MIS with the power heuristic, beta = 2 (Veach 1997, section 9.2.3): one direction, and at most one shadow ray, from
-/// each of two samplers.
+/// each of two samplers, or the mean of several such pairs.
 #[derive(Clone, Debug)]
 pub struct TwoSampleMis<A, B> {
     first: A,
     second: B,
+    pairs: u32,
     environment: Arc<Environment>,
 }
 
@@ -30,9 +31,17 @@ impl<A: Sampler, B: Sampler> TwoSampleMis<A, B> {
     /// Neither covers the integrand.
     pub fn new(first: A, second: B, environment: Arc<Environment>) -> Result<Self> {
         if first.coverage() == Coverage::Everything {
-            return Ok(Self { first, second, environment });
+            return Ok(Self { first, second, pairs: 1, environment });
         }
-        Ok(Self { first, second: Covering::new(second)?.into_inner(), environment })
+        Ok(Self { first, second: Covering::new(second)?.into_inner(), pairs: 1, environment })
+    }
+
+    /// Averages `pairs` pairs for each shading point, which is prepared once.
+    ///
+    /// # Errors
+    /// `pairs` is not in 1 to [`Split::MOST`](super::Split::MOST).
+    pub fn with_pairs(self, pairs: u32) -> Result<Self> {
+        Ok(Self { pairs: check_directions(pairs)?, ..self })
     }
 
     /// Draws from `own`, with the weight of the power heuristic over the pdf of `other`.
@@ -51,14 +60,25 @@ impl<A: Sampler, B: Sampler> TwoSampleMis<A, B> {
             own.0.sample(at, own.1, [u, v], Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf }, arena);
         });
         timed(Stage::Pdf, || other.0.pdf(at, other.1, [x, y, z], others, arena));
+        let fraction = 1.0 / self.pairs as f32;
         timed(Stage::Shading, || {
             for (pdf, other) in pdf.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
                 // p^2 / (p^2 + q^2) / p, written so that a large p does not overflow.
                 let ratio = other / *pdf;
-                *pdf = if *pdf > 0.0 { 1.0 / (*pdf * (1.0 + ratio * ratio)) } else { 0.0 };
+                *pdf = if *pdf > 0.0 { fraction / (*pdf * (1.0 + ratio * ratio)) } else { 0.0 };
             }
             contribute(at, &self.environment, [x, y, z], pdf, out, arena);
         });
+    }
+}
+
+impl<A, B> TwoSampleMis<A, B> {
+    /// Returns the dimension of a technique's draw.
+    fn dimension(&self, technique: u32, index: u32) -> Dimension {
+        match self.pairs {
+            1 => Dimension::Light(technique),
+            of => Dimension::Candidate { technique, index, of },
+        }
     }
 }
 
@@ -67,8 +87,10 @@ impl<A: Sampler, B: Sampler> Estimator for TwoSampleMis<A, B> {
         prepared(&self.first, at, arena, |first| {
             prepared(&self.second, at, arena, |second| {
                 let (first, second) = ((&self.first as &dyn Sampler, first), (&self.second as &dyn Sampler, second));
-                self.half(at, [first, second], (points, Dimension::Light(0)), out, arena);
-                self.half(at, [second, first], (points, Dimension::Light(1)), out, arena);
+                for index in 0..self.pairs {
+                    self.half(at, [first, second], (points, self.dimension(0, index)), out, arena);
+                    self.half(at, [second, first], (points, self.dimension(1, index)), out, arena);
+                }
             });
         });
     }

@@ -71,7 +71,9 @@ impl SamplerSpec {
         Ok(match self.combiner {
             Combiner::One => Box::new(SingleSample::new(Covering::new(sampler)?, environment)),
             Combiner::Split(directions) => Box::new(Split::new(Covering::new(sampler)?, directions, environment)?),
-            Combiner::TwoSampleMis => Box::new(TwoSampleMis::new(sampler, BrdfSampler, environment)?),
+            Combiner::TwoSampleMis(pairs) => {
+                Box::new(TwoSampleMis::new(sampler, BrdfSampler, environment)?.with_pairs(pairs)?)
+            }
             Combiner::Ris(candidates) => {
                 Box::new(Ris::new(Covering::new(sampler)?, Covering::new(BrdfSampler)?, candidates, environment)?)
             }

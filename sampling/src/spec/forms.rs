@@ -21,7 +21,7 @@ const fn form(purpose: Purpose, form: &'static str, what: &'static str) -> Form 
 }
 
 /// The forms that are not in [`NAMED`].
-const COMPOUND: [Form; 17] = [
+const COMPOUND: [Form; 18] = [
     form(Purpose::Use, "split:N:SOURCE", "the mean of N directions from another form, as in split:4:patches+vis"),
     form(Purpose::Use, "patches+vis", "patches with visibility that is learned before the picture"),
     form(Purpose::Use, "patches+vis:FILE", "with visibility from a file of bake --visibility"),
@@ -40,6 +40,7 @@ const COMPOUND: [Form; 17] = [
     form(Purpose::Paper, "head+patches+vis:FILE", "the same with learned visibility"),
     form(Purpose::Paper, "baked:FILE", "a head, tabulated over normals (bake --from)"),
     form(Purpose::Baseline, "mis2", "emitter and BRDF sampling in two-sample MIS with the power heuristic"),
+    form(Purpose::Baseline, "mis2-comp", "mis2 with MIS compensation"),
     form(Purpose::Baseline, "ris:M", "resampling of M candidates, half of each"),
     form(
         Purpose::Study,

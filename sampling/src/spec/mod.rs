@@ -57,8 +57,8 @@ pub enum Combiner {
     One,
     /// The mean of this many directions.
     Split(u32),
-    /// Two-sample MIS with BRDF sampling, power heuristic; two shadow rays.
-    TwoSampleMis,
+    /// The mean of this many pairs of two-sample MIS with BRDF sampling, power heuristic; two shadow rays each.
+    TwoSampleMis(u32),
     /// Resampled importance sampling with this many candidates, half of them from the source, half from BRDF sampling.
     Ris(u32),
 }
@@ -112,6 +112,10 @@ impl SamplerSpec {
         let is_plain = *combiner == Combiner::One && *visibility == Visibility::None;
         if *source == Source::Auto && !is_plain {
             return Some("'auto' chooses all of a SPEC; name it alone");
+        }
+        let is_compensated_alone = (source, *companion) == (&Source::Compensated, Companion::None);
+        if is_compensated_alone && matches!(combiner, Combiner::TwoSampleMis(_)) {
+            return None;
         }
         if let Some(reason) = source.fault_beside(*companion) {
             return Some(reason);
@@ -227,7 +231,7 @@ impl SamplerSpec {
     pub fn directions(&self) -> u32 {
         match self.combiner {
             Combiner::One | Combiner::Ris(_) => 1,
-            Combiner::TwoSampleMis => 2,
+            Combiner::TwoSampleMis(pairs) => 2 * pairs,
             Combiner::Split(directions) => directions,
         }
     }

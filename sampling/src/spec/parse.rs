@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::{
     Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms,
-    source::{NAMED, PORTALS},
+    source::{COMPENSATED_PAIR, NAMED, PORTALS},
 };
 use crate::{
     error::{Error, Result},
@@ -20,7 +20,10 @@ impl FromStr for SamplerSpec {
     fn from_str(text: &str) -> Result<Self> {
         let wrong = |reason: String| Error::argument(format!("sampler '{text}'"), reason);
         let (combiner, rest) = combiner_of(text).map_err(wrong)?;
-        let spec = Self { combiner, ..Parts::of(rest).spec().map_err(wrong)? };
+        let spec = match rest {
+            COMPENSATED_PAIR => Self { combiner, ..Self::plain(Source::Compensated) },
+            _ => Self { combiner, ..Parts::of(rest).spec().map_err(wrong)? },
+        };
         match spec.fault() {
             None => Ok(spec),
             Some(reason) => Err(wrong(reason.to_owned())),
@@ -30,21 +33,24 @@ impl FromStr for SamplerSpec {
 
 /// Splits a SPEC into its combiner and its source.
 fn combiner_of(text: &str) -> std::result::Result<(Combiner, &str), String> {
-    if text == "mis2" {
-        return Ok((Combiner::TwoSampleMis, "emitter"));
+    match text {
+        "mis2" => return Ok((Combiner::TwoSampleMis(1), "emitter")),
+        COMPENSATED_PAIR => return Ok((Combiner::TwoSampleMis(1), text)),
+        _ => {}
     }
     let Some((name, rest)) = text.split_once(':') else {
         return if text == "ris" { Err(format!("name {CANDIDATES}")) } else { Ok((Combiner::One, text)) };
     };
     match name {
-        "mis2" => Ok((Combiner::TwoSampleMis, rest)),
+        "mis2" if rest != COMPENSATED_PAIR => Ok((Combiner::TwoSampleMis(1), rest)),
         "split" => {
             let (count, source) =
                 rest.split_once(':').ok_or("name directions and a source, as in split:2:patches".to_owned())?;
-            Ok((
-                Combiner::Split(count_of(count, Split::<BrdfSampler>::MOST, "directions, as in split:2:patches")?),
-                source,
-            ))
+            let count = count_of(count, Split::<BrdfSampler>::MOST, "directions, as in split:2:patches")?;
+            match combiner_of(source)? {
+                (Combiner::TwoSampleMis(1), source) => Ok((Combiner::TwoSampleMis(count), source)),
+                _ => Ok((Combiner::Split(count), source)),
+            }
         }
         "ris" => {
             let (count, source) = rest.split_once(':').unwrap_or((rest, "emitter"));

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{
     Combiner, Companion, SamplerSpec, Source, Visibility,
-    source::{NAMED, Named, PORTALS},
+    source::{COMPENSATED_PAIR, NAMED, Named, PORTALS},
 };
 use crate::path_text::text_of;
 
@@ -15,8 +15,16 @@ impl fmt::Display for SamplerSpec {
         match combiner {
             Combiner::One => {}
             Combiner::Split(directions) => write!(f, "split:{directions}:")?,
-            Combiner::TwoSampleMis if is_emitter => return f.write_str("mis2"),
-            Combiner::TwoSampleMis => f.write_str("mis2:")?,
+            Combiner::TwoSampleMis(pairs) => {
+                if *pairs > 1 {
+                    write!(f, "split:{pairs}:")?;
+                }
+                match (source, companion) {
+                    (Source::Emitter, Companion::None) => return f.write_str("mis2"),
+                    (Source::Compensated, Companion::None) => return f.write_str(COMPENSATED_PAIR),
+                    _ => f.write_str("mis2:")?,
+                }
+            }
             Combiner::Ris(candidates) if is_emitter => return write!(f, "ris:{candidates}"),
             Combiner::Ris(candidates) => write!(f, "ris:{candidates}:")?,
         }

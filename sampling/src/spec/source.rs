@@ -110,6 +110,9 @@ pub(super) static NAMED: [Named; 10] = [
     named("oracle+mis", Source::Oracle, Companion::Brdf, ("the same beside BRDF sampling", Purpose::Study)),
 ];
 
+/// The name of [`Source::Compensated`] in two-sample MIS: without a companion of its own, it has no other form.
+pub(super) const COMPENSATED_PAIR: &str = "mis2-comp";
+
 /// The name of [`Source::Portals`].
 pub(super) const PORTALS: &str = "portals";
 
