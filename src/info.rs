@@ -108,9 +108,10 @@ fn sampler(path: &Path) -> Result<Facts> {
 }
 
 fn picture(path: &Path) -> Result<Facts> {
-    let Picture { image, layout, remarks } = read_picture(path, None)?;
+    let Picture { image, layout, mut remarks, repair, is_converted } = read_picture(path, None)?;
     let attributes = text_attributes(path).unwrap_or_default();
-    let mut facts = vec![fact("file", "a linear picture"), fact("size", format!("{} x {}", image.width, image.height))];
+    let kind = if is_converted { "a picture, converted to linear Rec.709" } else { "a linear picture" };
+    let mut facts = vec![fact("file", kind), fact("size", format!("{} x {}", image.width, image.height))];
     let finite = image.pixels.iter().flatten().filter(|value| value.is_finite());
     let (least, most) = finite.fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), &value| (a.min(value), b.max(value)));
     facts.push(fact("values", format!("{least} to {most}")));
@@ -124,6 +125,7 @@ fn picture(path: &Path) -> Result<Facts> {
         facts.push(fact("hash", environment.hash()));
         facts.extend(remarks_of(environment.remarks()));
     } else {
+        remarks.extend(repair.remarks_of_photograph());
         facts.extend(remarks_of(&remarks));
     }
     facts.extend(attributes.into_iter().map(|(name, value)| (name, value.into())));

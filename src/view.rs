@@ -128,7 +128,7 @@ fn camera(arguments: &Arguments) -> Result<Camera> {
 /// Returns the exposure in stops that brings the mean of a picture to middle grey, with little of it clipped.
 pub fn automatic_exposure(image: &Image) -> f32 {
     let mut luminances: Vec<f32> =
-        image.pixels.iter().map(|&pixel| luminance(pixel.into())).filter(|l| *l > 0.0).collect();
+        image.pixels.iter().map(|&pixel| luminance(pixel.into())).filter(|l| *l > 0.0 && l.is_finite()).collect();
     if luminances.is_empty() {
         return 0.0;
     }

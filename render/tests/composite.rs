@@ -347,13 +347,17 @@ fn a_flat_mesh_catches_as_a_plane_does() {
     assert!((sums[0] - sums[1]).abs() < 1e-3 && sums[0] < 0.97, "{sums:?}");
 }
 
-#[test]
-fn unaffected_pixels_equal_the_photograph_bit_for_bit() {
-    let environment = Arc::new(built_in("studio").unwrap());
+/// Returns a lid over a plane, whose camera sees the sky too.
+fn lid_from_afar() -> (Stage, Arc<Environment>, Camera) {
     let object = lid();
     let camera = Camera::new(Vec3A::new(0.0, 1.5, 6.0), Vec3A::new(0.0, 1.5, 0.0), 50.0).unwrap();
     let catcher = Catcher::plane(Vec3A::ZERO, Vec3A::Y, &object, &camera).unwrap();
-    let stage = Stage::new(object, catcher).unwrap();
+    (Stage::new(object, catcher).unwrap(), Arc::new(built_in("studio").unwrap()), camera)
+}
+
+#[test]
+fn unaffected_pixels_equal_the_photograph_bit_for_bit() {
+    let (stage, environment, camera) = lid_from_afar();
     let pixels = (0..24 * 24).map(|k| [0.1 + k as f32 / 100.0, 0.3, 0.7]).collect();
     let photograph = Photograph::of_radiance(Image { width: 24, height: 24, pixels });
     let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
@@ -371,4 +375,26 @@ fn unaffected_pixels_equal_the_photograph_bit_for_bit() {
     assert_eq!(layers.composite().pixels[..above], photograph.image.pixels[..above]);
     assert!(layers.alpha.iter().sum::<f32>() > 1.0);
     assert!(layers.composite().pixels.as_flattened().iter().all(|value| value.is_finite()));
+}
+
+/// Values that are not radiance stay where nothing touches a pixel, and spread nowhere.
+#[test]
+fn unaffected_pixels_keep_infinite_negative_and_missing_values() {
+    const SIDE: usize = 24;
+    let (stage, environment, camera) = lid_from_afar();
+    let odd = [f32::INFINITY, -0.5, f32::NAN];
+    let pixels = (0..SIDE * SIDE).map(|k| if k % 2 == 0 { odd } else { [0.5; 3] }).collect();
+    let photograph = Photograph::of_radiance(Image { width: SIDE, height: SIDE, pixels });
+    let backdrop = Backdrop::new(&stage, &environment, &photograph, camera, Vec3A::ONE);
+    let estimator = SamplerSpec::patches().build(&environment).unwrap();
+    let composition = Composition { stage: &stage, backdrop: &backdrop, camera: &camera, estimator: &*estimator };
+    let full = Settings { depth: 3, mask_only: false, ..settings(SIDE, 8) };
+    let film = compose(composition, full, &AtomicBool::new(false), &|_| {});
+    let layers = Layers::new(&film, &Mask::of(&film, MaskForm::ControlVariate), &photograph, Vec3A::ONE, true);
+    let composite = layers.composite().pixels;
+    let is_odd = |pixel: &[f32; 3]| pixel[0] == f32::INFINITY && pixel[1] == -0.5 && pixel[2].is_nan();
+    let is_kept = |(k, pixel): (usize, &[f32; 3])| if k % 2 == 0 { is_odd(pixel) } else { *pixel == [0.5; 3] };
+    assert!(composite[..SIDE * 6].iter().enumerate().all(is_kept));
+    let touched: Vec<&[f32; 3]> = composite.iter().step_by(2).filter(|pixel| !is_odd(pixel)).collect();
+    assert!(touched.len() > 20 && touched.iter().copied().flatten().all(|value| value.is_finite()), "{touched:?}");
 }

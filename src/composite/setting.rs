@@ -14,7 +14,7 @@ use headtail_render::{
 };
 
 use super::Arguments;
-use crate::arguments::{open_environment, open_scene};
+use crate::arguments::{open_environment, open_scene, say_remarks};
 use crate::light::{Factors, LightArguments};
 use crate::terminal::note;
 
@@ -73,7 +73,12 @@ impl Setting {
 }
 
 fn photograph_and_camera(arguments: &Arguments) -> Result<(Photograph, Camera)> {
-    let named = arguments.photo.as_ref().map(|file| Photograph::read(file)).transpose()?;
+    let named = arguments.photo.as_ref().map(|file| -> Result<Photograph> {
+        let photograph = Photograph::read(file)?;
+        say_remarks(&file.display().to_string(), &photograph.remarks)?;
+        Ok(photograph)
+    });
+    let named = named.transpose()?;
     let Some(file) = &arguments.camera else {
         let (Some(from), Some(at), Some(photograph)) = (arguments.look_from, arguments.look_at, named) else {
             bail!("give --camera FILE.fspy, or --photo with --look-from and --look-at");
@@ -83,7 +88,11 @@ fn photograph_and_camera(arguments: &Arguments) -> Result<(Photograph, Camera)> 
     let project = FspyProject::read(file, arguments.up)?;
     let photograph = match named {
         Some(photograph) => photograph,
-        None => project.photograph().map_err(|error| error.in_file(file))?,
+        None => {
+            let photograph = project.photograph().map_err(|error| error.in_file(file))?;
+            say_remarks(&file.display().to_string(), &photograph.remarks)?;
+            photograph
+        }
     };
     let own = photograph.image.width as f64 / photograph.image.height as f64;
     let calibrated = f64::from(project.width) / f64::from(project.height);
@@ -160,7 +169,7 @@ fn automatic_gain(photograph: &Image, environment: &Environment, camera: &Camera
     const SIDE: usize = 96;
     let height = (SIDE * photograph.height).div_ceil(photograph.width).max(1);
     let map = rectified_view(environment, camera, SIDE, height);
-    let small = Photograph { image: photograph.clone(), is_radiance: false }.resized(SIDE, height).image;
+    let small = Photograph::of_radiance(photograph.clone()).resized(SIDE, height).image;
     let pairs = small.pixels.iter().zip(&map.pixels).filter(|(own, _)| own.iter().all(|&value| value < 0.95));
     let logs = pairs.map(|(&own, &map)| (luminance(own.into()), luminance(map.into())));
     let logs: Vec<f32> =

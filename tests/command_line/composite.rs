@@ -103,6 +103,44 @@ fn srgb_photographs_are_lit_like_radiance() {
     assert!((exact / coded - 1.0).abs() < 0.1, "{exact} {coded}");
 }
 
+/// Remarks on photographs are shown, and warnings are errors under `--strict`.
+#[test]
+fn photographs_of_other_colors_and_values_are_read_with_remarks() {
+    let here = folder();
+    let path = here.path();
+    let mut info = png::Info::with_size(24, 16);
+    (info.color_type, info.bit_depth) = (png::ColorType::Rgb, png::BitDepth::Eight);
+    info.icc_profile = Some(moxcms::ColorProfile::new_display_p3().encode().unwrap().into());
+    let file = fs::File::create(path.join("p3.png")).unwrap();
+    let mut writer = png::Encoder::with_info(file, info).unwrap().write_header().unwrap();
+    writer.write_image_data(&[230, 40, 40].repeat(24 * 16)).unwrap();
+    writer.finish().unwrap();
+    let mut pixels = vec![[0.5; 3]; 24 * 16];
+    pixels[0] = [f32::INFINITY, 3.0, -2.0];
+    write_exr(&path.join("sun.exr"), &Image { width: 24, height: 16, pixels }, &[]).unwrap();
+    let command = |photo: &str| {
+        format!(
+            "composite --photo {photo} --look-from 0,1,4 --look-at 0,1,0 --env window --scene sphere --size 0.8 --spp 2 --out {photo}.out"
+        )
+    };
+    let stderr = |arguments: &str| text(&super::headtail(path, arguments).stderr);
+
+    let said = stderr(&format!("--strict {}", command("p3.png")));
+    assert!(said.contains("note: p3.png: converted colours from ICC profile 'Display P3'"), "{said}");
+    // Linear Rec.709 by SMPTE EG 432-1; in the PNG, the nearest colour of sRGB.
+    let first = picture(&path.join("p3.png.out/composite.exr")).pixels[0];
+    assert!((0..3).all(|k| (first[k] - [0.9645, -0.0111, 0.0061][k]).abs() < 1e-3), "{first:?}");
+    let png = Photograph::decode(&fs::read(path.join("p3.png.out/composite.png")).unwrap()).unwrap();
+    assert_eq!(png.image.pixels[0].map(headtail_render::image::srgb_code), [251, 0, 18]);
+
+    let said = stderr(&command("sun.exr"));
+    assert!(said.contains("warning: sun.exr: 1 channel values were infinite"), "{said}");
+    assert!(said.contains("warning: sun.exr: 1 channel values were negative"), "{said}");
+    assert_eq!(picture(&path.join("sun.exr.out/composite.exr")).pixels[0], [f32::INFINITY, 3.0, -2.0]);
+    let message = fail(path, &format!("--strict {} --force", command("sun.exr")));
+    assert!(message.contains("were negative") && message.contains("(--strict)"), "{message}");
+}
+
 #[test]
 fn catchers_are_selected_by_node_name() {
     let here = folder();

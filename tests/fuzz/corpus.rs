@@ -22,7 +22,7 @@ use headtail_render::{
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     head::Linear,
-    image::{Image, encode_exr, encode_png_rgb8},
+    image::{Attribute, Image, encode_exr, encode_png_rgb8},
     integrator::{View, learn_visibility},
     patches::Detail,
     portals::{Portal, to_json},
@@ -31,6 +31,9 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{CheckpointFolder, FitConfig, Run, Viewpoints, build_target, exported_sampler, fit_with};
+use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder};
+use moxcms::{ColorProfile, ToneReprCurve};
+use png::{BitDepth, ColorType, Info, ScaledFloat, SourceChromaticities};
 
 /// A small picture of arbitrary values.
 fn picture(width: usize, height: usize) -> Image {
@@ -86,7 +89,44 @@ pub fn openexr() -> Vec<Vec<u8>> {
         .collect();
     let tiles = Encoding { compression: ZIP16, blocks: Blocks::Tiles(Vec2(5, 4)), line_order: LineOrder::Unspecified };
     files.push(file(tiles, ["beauty.R", "beauty.G", "beauty.B"], true));
+    files.push(file(lines(ZIP1), ["RY", "Y", "BY"], false));
     files.push(encode_exr(&image, &[]).unwrap());
+    for id in ["lin_rec2020_scene", "srgb_p3d65_scene", "unknown"] {
+        files.push(encode_exr(&image, &[Attribute::new("colorInteropID", id)]).unwrap());
+    }
+    files
+}
+
+/// Photographs: JPEG and PNG files with ICC profiles of matrices, tables and grey, and PNG files with other
+/// descriptions of their colours.
+pub fn photographs() -> Vec<Vec<u8>> {
+    let mut tables = ColorProfile::new_adobe_rgb();
+    tables.green_trc = Some(ToneReprCurve::Lut((0..64).map(|k| 1024 * k).collect()));
+    let p3 = ColorProfile::new_display_p3();
+    let jpeg = |profile: &ColorProfile| {
+        let mut bytes = Vec::new();
+        let mut encoder = JpegEncoder::new(&mut bytes);
+        encoder.set_icc_profile(profile.encode().unwrap()).unwrap();
+        encoder.encode(&[90; 8 * 8 * 3], 8, 8, ExtendedColorType::Rgb8).unwrap();
+        bytes
+    };
+    let png = |color: ColorType, profile: Option<&ColorProfile>| {
+        let mut info = Info::with_size(3, 2);
+        (info.color_type, info.bit_depth) = (color, BitDepth::Sixteen);
+        info.icc_profile = profile.map(|profile| profile.encode().unwrap().into());
+        info.source_gamma = Some(ScaledFloat::new(0.6));
+        let of = |x: f32| (x, 0.3);
+        info.source_chromaticities = Some(SourceChromaticities::new((0.31, 0.33), of(0.7), (0.2, 0.7), of(0.1)));
+        let mut bytes = Vec::new();
+        let mut writer = png::Encoder::with_info(&mut bytes, info).unwrap().write_header().unwrap();
+        writer.write_image_data(&vec![77; 6 * 2 * color.samples()]).unwrap();
+        writer.finish().unwrap();
+        bytes
+    };
+    let gray = ColorProfile::new_gray_with_gamma(1.8);
+    let mut files = vec![jpeg(&tables), jpeg(&p3), jpeg(&gray)];
+    files.extend([png(ColorType::Rgb, Some(&p3)), png(ColorType::Grayscale, Some(&gray)), png(ColorType::Rgba, None)]);
+    files.extend([openexr().pop().unwrap(), radiance().pop().unwrap()]);
     files
 }
 

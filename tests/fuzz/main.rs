@@ -20,7 +20,7 @@ use std::{
 use headtail_render::{
     brdf::{NeuralTexture, neural::read_networks},
     export::ExportedSampler,
-    image::{read_radiance, text_attributes},
+    image::{Photograph, read_radiance, text_attributes},
     portals,
     rival::RivalFile,
     scene::{FspyProject, MaterialSpec, Scene, UpAxis},
@@ -96,6 +96,9 @@ fn readers_neither_panic_nor_exceed_memory_limits() {
     }
     if is_wanted("exr") {
         fuzz("exr", &corpus::openexr(), image);
+    }
+    if is_wanted("photo") {
+        fuzz("photo", &corpus::photographs(), |path, _| Photograph::read(path).is_ok());
     }
     if is_wanted("gltf") {
         let [glb, rare, gltf] = <[Vec<u8>; 3]>::try_from(corpus::gltf()).unwrap();

@@ -19,7 +19,7 @@ pub struct Layers {
     pub shadow: Image,
     /// Light that the object reflects onto the photographed surface.
     pub light: Image,
-    /// The photograph.
+    /// The photograph; finite where the object changes it.
     pub photograph: Image,
 }
 
@@ -45,12 +45,21 @@ impl Layers {
                 let [red, green, blue, grey] = mask.values[index];
                 let mask = if in_color { [red, green, blue] } else { [grey; 3] };
                 layers.shadow.pixels[index] = mask.map(|mask| 1.0 + fraction * (mask - 1.0));
-                let behind = Vec3A::from_array(photograph.image.pixels[index]);
+                let behind = photograph.finite(index).max(Vec3A::ZERO);
                 let light = Vec3A::from((catcher.thrown_back / rest).as_vec3());
                 layers.light.pixels[index] = (behind * light).to_array();
             }
+            // Other pixels keep infinite values and NaN.
+            if layers.changes(index) {
+                layers.photograph.pixels[index] = photograph.finite(index).to_array();
+            }
         }
         layers
+    }
+
+    /// Whether the composite differs from the photograph in a pixel.
+    fn changes(&self, index: usize) -> bool {
+        self.alpha[index] != 0.0 || self.shadow.pixels[index] != [1.0; 3] || self.light.pixels[index] != [0.0; 3]
     }
 
     /// Combines the layers into the composite.

@@ -4,10 +4,12 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `photograph.rs`, `compressed.rs` | photographs; PNG and JPEG in memory |
+//! | `color_profile.rs` | colours of PNG and JPEG files: ICC profiles, `cICP`, `gAMA` |
 //! | `write.rs`, `layered.rs` | results as OpenEXR and PNG; OpenEXR of several layers |
 //! | `attributes.rs` | text attributes of OpenEXR headers |
 
 mod attributes;
+mod color_profile;
 mod compressed;
 mod layered;
 mod photograph;

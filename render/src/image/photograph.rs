@@ -3,13 +3,17 @@
 use std::{io::Read, path::Path};
 
 use glam::{Vec2, Vec3A};
-use image::{DynamicImage, ImageDecoder, metadata::Orientation};
+use image::{ImageDecoder, metadata::Orientation};
 
-use super::{Image, MAX_PIXELS, compressed::decode_compressed, read_radiance};
+use super::{
+    Format, Image, MAX_PIXELS, Picture, Repair, color_profile::linear_pixels, compressed::decode_compressed,
+    read_picture,
+};
 use crate::{
-    color::{srgb_decode, srgb_encode},
+    color::srgb_encode,
     error::{Error, Result},
     file::open_regular,
+    remark::Remark,
 };
 
 /// Maximum size of a PNG or JPEG file, in bytes.
@@ -18,44 +22,45 @@ const MAX_BYTES: u64 = 1 << 30;
 /// A photograph as linear Rec.709.
 #[derive(Clone, Debug)]
 pub struct Photograph {
-    /// Linear values: radiance, or decoded 8- or 16-bit sRGB codes in `[0, 1]`.
+    /// Linear values as in the file, which may be negative, infinite or NaN: radiance, or decoded 8- or 16-bit
+    /// codes, whose colours may lie outside of Rec.709.
     pub image: Image,
     /// Whether the values are radiance in the units of a map; otherwise the exposure is unknown.
     pub is_radiance: bool,
+    /// Remarks on conversions and on values that are not radiance.
+    pub remarks: Vec<Remark>,
+    repair: Repair,
 }
 
 impl Photograph {
     /// Reads an OpenEXR, Radiance, PNG or JPEG file; the first bytes determine the format.
     ///
     /// # Errors
-    /// If the file cannot be read, has another format, or is damaged; see [`read_radiance`].
+    /// If the file cannot be read, has another format, or is damaged; see [`read_picture`].
     pub fn read(path: &Path) -> Result<Self> {
-        let (file, size) = open_regular(path).map_err(|error| Error::io(path, error))?;
-        let mut magic = Vec::new();
-        file.take(8).read_to_end(&mut magic).map_err(|error| Error::io(path, error))?;
-        if !(magic.starts_with(b"\x89PNG") || magic.starts_with(b"\xff\xd8")) {
-            return read_radiance(path).map(Self::of_radiance).map_err(|error| match error {
-                Error::Invalid { path, field, reason } if field == "first bytes" && !reason.contains("empty") => {
-                    Error::Invalid { path, field, reason: "not an OpenEXR, Radiance, PNG or JPEG image".into() }
+        match Format::of(path)? {
+            Format::OpenExr | Format::Radiance => {
+                let Picture { image, mut remarks, repair, .. } = read_picture(path, None)?;
+                remarks.extend(repair.remarks_of_photograph());
+                Ok(Self { image, is_radiance: true, remarks, repair })
+            }
+            Format::Png | Format::Jpeg => {
+                let (file, size) = open_regular(path).map_err(|error| Error::io(path, error))?;
+                if size > MAX_BYTES {
+                    return Err(Error::invalid(path, "file", format!("has {size} bytes; up to {MAX_BYTES} are read")));
                 }
-                other => other,
-            });
+                let mut bytes = Vec::new();
+                file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|error| Error::io(path, error))?;
+                Self::decode(&bytes).map_err(|reason| Error::invalid(path, "image", reason))
+            }
+            Format::Other => Err(Error::invalid(path, "first bytes", "not an OpenEXR, Radiance, PNG or JPEG image")),
         }
-        if size > MAX_BYTES {
-            return Err(Error::invalid(path, "file", format!("has {size} bytes; up to {MAX_BYTES} are read")));
-        }
-        let mut bytes = Vec::new();
-        let (file, _) = open_regular(path).map_err(|error| Error::io(path, error))?;
-        file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|error| Error::io(path, error))?;
-        Self::decode(&bytes).map_err(|reason| Error::invalid(path, "image", reason))
     }
 
-    /// Creates a photograph from radiance; negative and non-finite values become 0.
-    pub fn of_radiance(mut image: Image) -> Self {
-        for value in image.pixels.iter_mut().flatten().filter(|value| !(value.is_finite() && **value >= 0.0)) {
-            *value = 0.0;
-        }
-        Self { image, is_radiance: true }
+    /// Creates a photograph from radiance.
+    pub fn of_radiance(image: Image) -> Self {
+        let repair = Repair::of(image.pixels.iter().flatten().copied(), false);
+        Self { image, is_radiance: true, remarks: repair.remarks_of_photograph(), repair }
     }
 
     /// Decodes a PNG or JPEG file and applies its EXIF orientation. The error completes a sentence whose
@@ -73,26 +78,23 @@ impl Photograph {
         let mut decoded = decode_compressed(bytes, MAX_PIXELS as u64)?;
         decoded.apply_orientation(orientation);
         let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-        let is_deep = matches!(
-            decoded,
-            DynamicImage::ImageLuma16(_)
-                | DynamicImage::ImageLumaA16(_)
-                | DynamicImage::ImageRgb16(_)
-                | DynamicImage::ImageRgba16(_)
-        );
-        let pixels = if is_deep {
-            decoded
-                .into_rgb16()
-                .pixels()
-                .map(|pixel| pixel.0.map(|code| srgb_decode(f32::from(code) / 65535.0)))
-                .collect()
-        } else {
-            decoded.into_rgb8().pixels().map(|pixel| pixel.0.map(|code| srgb_decode(f32::from(code) / 255.0))).collect()
-        };
-        Ok(Self { image: Image { width, height, pixels }, is_radiance: false })
+        let (pixels, remark) = linear_pixels(decoded, bytes);
+        let repair = Repair::of(pixels.iter().flatten().copied(), false).outside();
+        let remarks = remark.into_iter().chain(repair.remarks_of_photograph()).collect();
+        Ok(Self { image: Image { width, height, pixels }, is_radiance: false, remarks, repair })
     }
 
-    /// Returns the linear colour at a point of the image (pixels from the top left corner), interpolated
+    /// Returns a pixel as radiance, by its index: finite and not negative.
+    fn radiance(&self, index: usize) -> Vec3A {
+        self.image.pixels[index].map(|value| self.repair.radiance(value)).into()
+    }
+
+    /// Returns a pixel by its index, with finite values.
+    pub(crate) fn finite(&self, index: usize) -> Vec3A {
+        self.image.pixels[index].map(|value| self.repair.finite(value)).into()
+    }
+
+    /// Returns the radiance at a point of the image (pixels from the top left corner), interpolated
     /// between pixel centres; `None` outside.
     pub fn sample(&self, at: Vec2) -> Option<Vec3A> {
         let size = Vec2::new(self.image.width as f32, self.image.height as f32);
@@ -102,11 +104,12 @@ impl Photograph {
         let inside = (at - 0.5).clamp(Vec2::ZERO, size - 1.0);
         let (column, row) = (inside.x as usize, inside.y as usize);
         let (right, below) = ((column + 1).min(self.image.width - 1), (row + 1).min(self.image.height - 1));
-        let mix = |y| self.image.get(column, y).lerp(self.image.get(right, y), inside.x.fract());
+        let at = |x: usize, y: usize| self.radiance(y * self.image.width + x);
+        let mix = |y| at(column, y).lerp(at(right, y), inside.x.fract());
         Some(mix(row).lerp(mix(below), inside.y.fract()))
     }
 
-    /// Resamples the image; each new pixel is the mean of the area that it covers.
+    /// Resamples the image; each new pixel is the mean of the area that it covers, with finite values.
     ///
     /// # Panics
     /// If a side is 0.
@@ -120,13 +123,14 @@ impl Photograph {
                 let mut sum = Vec3A::ZERO;
                 for &(row, tall) in rows {
                     for &(column, wide) in columns {
-                        sum += tall * wide * self.image.get(column, row);
+                        sum += tall * wide * self.finite(row * self.image.width + column);
                     }
                 }
                 image.pixels[y * width + x] = sum.to_array();
             }
         }
-        Self { image, is_radiance: self.is_radiance }
+        let repair = Repair::of(image.pixels.iter().flatten().copied(), false);
+        Self { image, is_radiance: self.is_radiance, remarks: self.remarks.clone(), repair }
     }
 }
 

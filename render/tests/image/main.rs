@@ -1,5 +1,7 @@
-//! Reading and writing of images: exact round trips, all forms of OpenEXR that maps use, and hostile files.
+//! Reading and writing of images: exact round trips, all forms of OpenEXR that maps use, colour spaces, and
+//! hostile files.
 
+mod color_spaces;
 mod hostile;
 mod openexr;
 mod unusual;

@@ -7,13 +7,13 @@ use headtail_render::image::{MapLayout, Picture, read_picture};
 use super::{openexr::*, *};
 
 /// Returns the texts of remarks, with a `!` before warnings.
-fn said(picture: &Picture) -> Vec<String> {
+pub fn said(picture: &Picture) -> Vec<String> {
     let mark = |remark: &headtail_render::remark::Remark| if remark.is_warning() { "! " } else { "" };
     picture.remarks.iter().map(|remark| format!("{}{}", mark(remark), remark.text())).collect()
 }
 
 /// Returns an OpenEXR file of an image with a changed header.
-fn changed_exr(
+pub fn changed_exr(
     image: &Image,
     change: impl Fn(&mut Layer<AnyChannels<Levels<FlatSamples>>>, &mut IntegerBounds, &mut Option<Chromaticities>),
 ) -> Vec<u8> {
@@ -29,12 +29,12 @@ fn changed_exr(
     bytes.into_inner()
 }
 
-fn read(bytes: &[u8]) -> Picture {
+pub fn read(bytes: &[u8]) -> Picture {
     let folder = tempfile::tempdir().unwrap();
     read_picture(&write(folder.path(), "a", bytes), None).unwrap()
 }
 
-fn error(bytes: &[u8]) -> String {
+pub fn error(bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     read_picture(&write(folder.path(), "a", bytes), None).unwrap_err().to_string()
 }
@@ -96,13 +96,21 @@ fn colors_of_other_primaries_become_rec_709() {
 }
 
 #[test]
-fn half_precision_infinity_becomes_the_largest_value() {
+fn half_precision_infinity_becomes_the_largest_value_of_a_map() {
     let values = [f16::INFINITY, f16::NEG_INFINITY, f16::NAN, f16::ONE];
     let channels = ["R", "G", "B"].map(|name| (name, flat(FlatSamples::F16(values.to_vec()))));
-    let found = read(&exr_file((4, 1), scan_lines(exr::prelude::Compression::ZIP1), channels.into()));
-    let [bright, dark, nan, one] = [0, 1, 2, 3].map(|k| found.image.pixels[k][0]);
-    assert!(bright == 65504.0 && dark == -65504.0 && nan.is_nan() && one == 1.0);
-    assert_eq!(said(&found), ["! replaced 6 infinite half-precision values by 65504"]);
+    let bytes = exr_file((4, 1), scan_lines(exr::prelude::Compression::ZIP1), channels.into());
+    // The reader keeps values, for photographs.
+    let [bright, dark, nan, one] = [0, 1, 2, 3].map(|k| read(&bytes).image.pixels[k][0]);
+    assert!(bright == f32::INFINITY && dark == f32::NEG_INFINITY && nan.is_nan() && one == 1.0);
+    let folder = tempfile::tempdir().unwrap();
+    let map = Environment::open(write(folder.path(), "half.exr", &bytes).to_str().unwrap()).unwrap();
+    assert_eq!(map.to_image().pixels[..4], [[65504.0; 3], [0.0; 3], [0.0; 3], [1.0; 3]]);
+    let said: Vec<&str> = map.remarks().iter().filter(|remark| remark.is_warning()).map(|r| r.text()).collect();
+    assert!(
+        said.iter().any(|text| text.contains("3 channel values were infinite and were replaced by 65504")),
+        "{said:?}"
+    );
 }
 
 #[test]

@@ -99,7 +99,7 @@ impl Environment {
     /// The file is not such an image, is damaged, has a size that does not match its layout, or holds
     /// no light.
     pub fn load(path: &Path, spec: &MapSpec) -> Result<Self> {
-        let Picture { image, layout, mut remarks } = read_picture(path, spec.layer.as_deref())?;
+        let Picture { image, layout, mut remarks, repair, .. } = read_picture(path, spec.layer.as_deref())?;
         let name = path.file_stem().map_or_else(|| "map".into(), |stem| stem.to_string_lossy().into_owned());
         let (width, height) = (image.width, image.height);
         let (own, asked) = (layout, spec.layout);
@@ -111,7 +111,7 @@ impl Environment {
                 MapLayout::names().collect::<Vec<_>>().join(", ")
             )));
         }
-        let environment = Self::from_image_in(&name, image, asked.or(own).unwrap_or_default());
+        let environment = Self::repaired(&name, image, asked.or(own).unwrap_or_default(), &repair);
         let mut environment = environment.map_err(|error| match error {
             Error::Argument { what, reason } if what == "layout" => Error::invalid(path, what, reason),
             Error::Argument { reason, .. } => Error::invalid(path, "pixels", reason),

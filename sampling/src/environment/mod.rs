@@ -29,15 +29,12 @@ use crate::{
     color::luminance,
     columns::vectorized,
     error::{Error, Result},
-    image::{Image, MapLayout, to_lat_long},
+    image::{Image, MapLayout, Repair, to_lat_long},
     large::Large,
     latlong, memory,
     remark::Remark,
     simd::{LANES, Lanes},
 };
-
-/// Larger radiance is treated as infinite, so that sums of squares stay in the range of f32.
-const LARGEST_RADIANCE: f32 = 1e15;
 
 /// An equirectangular map of linear Rec.709 radiance in W/(sr m^2), bilinear between texels.
 ///
@@ -77,9 +74,16 @@ impl Environment {
     ///
     /// # Errors
     /// As [`Self::from_image`], or if the size of the image does not match the layout.
-    pub fn from_image_in(name: &str, mut image: Image, layout: MapLayout) -> Result<Self> {
+    pub fn from_image_in(name: &str, image: Image, layout: MapLayout) -> Result<Self> {
+        let repair = Repair::of(image.pixels.iter().flatten().copied(), false);
+        Self::repaired(name, image, layout, &repair)
+    }
+
+    /// [`Self::from_image_in`] of an image whose values were examined.
+    fn repaired(name: &str, mut image: Image, layout: MapLayout, repair: &Repair) -> Result<Self> {
         // Repair before texels are blended with their neighbours.
-        let remarks = repair(&mut image.pixels);
+        image.pixels.iter_mut().flatten().for_each(|value| *value = repair.radiance(*value));
+        let remarks = repair.remarks();
         let image = to_lat_long(image, layout)?;
         let Image { width, height, ref pixels } = image;
         memory::require(pixels.len() as u64 * BYTES_PER_TEXEL, || format!("a map of {width} x {height} pixels"))?;
@@ -263,34 +267,6 @@ impl Texels {
 /// Bytes per texel while a map is opened, besides its image: texels, running sums, and the tables of a
 /// hierarchical tail.
 const BYTES_PER_TEXEL: u64 = 72;
-
-/// Replaces invalid values; returns one remark per kind found.
-fn repair(pixels: &mut [[f32; 3]]) -> Vec<Remark> {
-    let usable = |value: f32| (0.0..=LARGEST_RADIANCE).contains(&value);
-    let largest = pixels.iter().flatten().copied().filter(|&value| usable(value)).fold(0.0, f32::max);
-    let (mut nan, mut negative, mut huge) = (0_usize, 0_usize, 0_usize);
-    for value in pixels.iter_mut().flatten() {
-        if value.is_nan() {
-            nan += 1;
-            *value = 0.0;
-        } else if *value < 0.0 {
-            negative += 1;
-            *value = 0.0;
-        } else if *value > LARGEST_RADIANCE {
-            huge += 1;
-            *value = largest;
-        }
-    }
-    [
-        (nan, "NaN", "0".to_owned()),
-        (negative, "negative", "0".to_owned()),
-        (huge, "infinite or above 1e15", format!("{largest}, the largest usable one")),
-    ]
-    .into_iter()
-    .filter(|(count, ..)| *count > 0)
-    .map(|(count, kind, by)| Remark::Warning(format!("{count} channel values were {kind} and were replaced by {by}")))
-    .collect()
-}
 
 fn hash(width: usize, height: usize, texels: &[[f32; 3]]) -> String {
     let mut hasher = blake3::Hasher::new();

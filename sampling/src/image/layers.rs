@@ -8,8 +8,10 @@ use crate::remark::Remark;
 pub(super) struct Source {
     /// The part of the file.
     pub part: usize,
-    /// Indices of the red, green and blue channels; three times the same index for luminance.
+    /// Indices of the red, green and blue channels; three times the same index for luminance; RY, Y and BY
+    /// for luminance and chroma.
     pub rgb: [usize; 3],
+    pub has_chroma: bool,
 }
 
 /// Channels of a part with a common prefix.
@@ -20,6 +22,8 @@ struct Layer {
     name: String,
     rgb: Option<[usize; 3]>,
     luminance: Option<usize>,
+    /// RY and BY.
+    chroma: [Option<usize>; 2],
 }
 
 /// Names of layers that hold the whole picture, in lower case.
@@ -81,9 +85,16 @@ impl Layer {
         }
     }
 
-    fn source(&self) -> Option<Source> {
-        let rgb = self.rgb.or(self.luminance.map(|index| [index; 3]))?;
-        Some(Source { part: self.part, rgb })
+    /// The error is a clause.
+    fn source(&self) -> Result<Source, String> {
+        let (rgb, has_chroma) = match (self.rgb, self.luminance, self.chroma) {
+            (Some(rgb), ..) => (rgb, false),
+            (None, Some(y), [None, None]) => ([y; 3], false),
+            (None, Some(y), [Some(red), Some(blue)]) => ([red, y, blue], true),
+            (None, Some(_), _) => return Err("of the chroma channels RY and BY, one is missing".into()),
+            (None, None, _) => return Err(format!("the layer '{}' has neither R, G and B nor Y", self.name)),
+        };
+        Ok(Source { part: self.part, rgb, has_chroma })
     }
 }
 
@@ -93,13 +104,13 @@ impl Layer {
 pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source, Option<Remark>), String> {
     let layers = layers(headers);
     if let Some(wanted) = wanted {
-        return named(&layers, wanted).map(|source| (source, None));
+        return named(&layers, wanted)?.source().map(|source| (source, None));
     }
     let ranked = layers.iter().filter_map(|layer| Some((layer.rank()?, layer)));
     let Some((rank, chosen)) = ranked.clone().min_by_key(|&(rank, _)| rank) else {
         return Err(format!("found only {}; R, G and B are needed, or Y", channel_names(headers)));
     };
-    let source = chosen.source().ok_or("no colour was found")?;
+    let source = chosen.source()?;
     let rivals: Vec<String> = ranked
         .filter(|&(other, _)| other == rank)
         .map(|(_, layer)| format!("'{}'", layer.name.escape_debug()))
@@ -117,7 +128,7 @@ pub(super) fn choose(headers: &[Header], wanted: Option<&str>) -> Result<(Source
 }
 
 /// Finds a layer by its name, or the part of it after a dot; case is ignored.
-fn named(layers: &[Layer], wanted: &str) -> Result<Source, String> {
+fn named<'a>(layers: &'a [Layer], wanted: &str) -> Result<&'a Layer, String> {
     let lower = wanted.to_lowercase();
     let is_named = |layer: &&Layer| {
         let name = layer.name.to_lowercase();
@@ -127,9 +138,7 @@ fn named(layers: &[Layer], wanted: &str) -> Result<Source, String> {
         let names: Vec<String> = layers.iter().map(|layer| format!("'{}'", layer.name.escape_debug())).collect();
         names.join(", ")
     };
-    let layer =
-        layers.iter().find(is_named).ok_or_else(|| format!("no layer is called '{wanted}'; there are {}", all()))?;
-    layer.source().ok_or_else(|| format!("the layer '{wanted}' has neither R, G and B nor Y"))
+    layers.iter().find(is_named).ok_or_else(|| format!("no layer is called '{wanted}'; there are {}", all()))
 }
 
 /// All layers in file order; channels without a layer come first in their part.
@@ -151,7 +160,9 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
             let rgb = if let [Some(r), Some(g), Some(b)] = rgb { Some([r, g, b]) } else { None };
             // Together with X, Y is a coordinate of a vector.
             let luminance = index(&["Y"]).filter(|_| index(&["X"]).is_none());
-            layers.push(Layer { part, name: layer_name(&part_name, prefix.trim_end_matches('.')), rgb, luminance });
+            let chroma = [index(&["RY"]), index(&["BY"])];
+            let name = layer_name(&part_name, prefix.trim_end_matches('.'));
+            layers.push(Layer { part, name, rgb, luminance, chroma });
         }
     }
     layers

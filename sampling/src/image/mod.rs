@@ -7,10 +7,15 @@
 //! | `openexr.rs`, `layers.rs` | OpenEXR, and the choice of channels |
 //! | `dwa.rs` | checks of sizes in DWA blocks of OpenEXR files |
 //! | `layout.rs` | cubes, crosses, probes and equal-area squares to lat-long |
-//! | `primaries.rs` | colours of other primaries to Rec.709 |
+//! | `color_space.rs` | the colour space that an OpenEXR header names |
+//! | `conversion.rs`, `primaries.rs` | other colour spaces, luminance and chroma to Rec.709; other primaries |
+//! | `repair.rs` | values that light cannot have |
 //! | `size.rs` | the largest image |
 //! | `without_panic.rs` | panics of decoders as errors |
 
+#[cfg(feature = "exr")]
+mod color_space;
+mod conversion;
 #[cfg(feature = "exr")]
 mod dwa;
 #[cfg(feature = "exr")]
@@ -21,13 +26,15 @@ mod openexr;
 mod primaries;
 mod radiance;
 mod read;
+mod repair;
 mod rgbe;
 mod size;
 mod without_panic;
 
 pub use layout::MapLayout;
 pub(crate) use layout::to_lat_long;
-pub use read::{Picture, read_picture, read_radiance};
+pub use read::{Format, Picture, read_picture, read_radiance};
+pub use repair::Repair;
 pub use size::MAX_PIXELS;
 #[doc(hidden)]
 pub use without_panic::without_panic;

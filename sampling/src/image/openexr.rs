@@ -2,9 +2,8 @@
 //! floats and integers.
 //!
 //! [`super::layers`] chooses the channels. The image is the display window: texels outside the data
-//! window are black, and data outside the display window is cropped. Colours of other primaries
-//! (attribute `chromaticities`) are converted to Rec.709. Infinite half-precision values, which result
-//! from writing values above 65504, are read as 65504. Deep and subsampled images are rejected.
+//! window are black, and data outside the display window is cropped. Luminance and chroma, and colours of
+//! other spaces ([`super::color_space`]), are converted to Rec.709. Deep and subsampled images are rejected.
 
 use std::collections::HashSet;
 use std::fs::File;
@@ -17,12 +16,13 @@ use exr::block::reader::ChunksReader;
 use exr::compression::Compression;
 use exr::math::Vec2;
 use exr::meta::BlockDescription;
-use exr::meta::attribute::{ChannelList, Chromaticities, EnvironmentMap, IntegerBounds, SampleType};
+use exr::meta::attribute::{ChannelList, EnvironmentMap, IntegerBounds, SampleType};
 use exr::meta::header::Header;
 use exr::prelude::f16;
 
+use super::color_space::{INTEROP_ID, color_space};
+use super::conversion::{Conversion, Transfer};
 use super::layers::{self, Source};
-use super::primaries::{self, Primaries};
 use super::size::check_size;
 use super::{Image, MapLayout, Picture, dwa};
 use crate::error::{Error, Result};
@@ -47,34 +47,38 @@ pub(super) fn read(path: &Path, file: File, file_size: u64, layer: Option<&str>)
     if header.deep {
         return Err(Error::invalid(path, "type", "deep images cannot be read"));
     }
-    if header.channels.list.iter().any(|channel| channel.sampling != Vec2(1, 1)) {
-        return Err(Error::invalid(path, "channels", "subsampled channels cannot be read"));
+    if let Some(channel) = header.channels.list.iter().find(|channel| channel.sampling != Vec2(1, 1)) {
+        let reason = format!("{} is subsampled; write all channels at full resolution", channel.name);
+        return Err(Error::invalid(path, "channels", reason));
     }
     let mut remarks: Vec<Remark> = remark.into_iter().collect();
+    let has_chroma = source.has_chroma;
+    let space = color_space(reader.headers(), source.part, &mut remarks);
+    let space = space.map_err(|reason| Error::invalid(path, INTEROP_ID, reason))?;
+    let matrix = space.primaries.to_rec_709().map_err(|reason| Error::invalid(path, "chromaticities", reason))?;
+    let luminance = has_chroma.then(|| space.primaries.luminance().ok_or("the primaries have no luminance"));
+    let luminance = luminance.transpose().map_err(|reason| Error::invalid(path, "chromaticities", reason))?;
+    let conversion = Conversion { luminance, transfer: space.transfer, matrix };
+    let is_half = source.rgb.iter().all(|&index| header.channels.list[index].sample_type == SampleType::F16);
     let mut decoder = Decoder {
         image: Image::black(header.layer_size.width(), header.layer_size.height()),
         source,
         channels: header.channels.clone(),
-        overflown: 0,
     };
     decoder.decode(path, reader)?;
-    if decoder.overflown > 0 {
-        let count = decoder.overflown;
-        remarks.push(Remark::Warning(format!("replaced {count} infinite half-precision values by 65504")));
-    }
     let mut image = displayed(path, decoder.image, &header, &mut remarks)?;
-    if let Some(chromaticities) = &header.shared_attributes.chromaticities {
-        let matrix = primaries_of(chromaticities).to_rec_709();
-        if let Some(matrix) = matrix.map_err(|reason| Error::invalid(path, "chromaticities", reason))? {
-            primaries::convert(&mut image.pixels, &matrix);
-            remarks.push(Remark::Note("converted colours from the primaries of the file to Rec.709".into()));
-        }
+    if has_chroma {
+        remarks.push(Remark::Note("converted luminance and chroma to colours".into()));
     }
+    if matrix.is_some() || space.transfer != Transfer::Linear {
+        remarks.push(Remark::Note(format!("converted colours from {} to Rec.709", space.name)));
+    }
+    let repair = conversion.apply(&mut image, is_half, &mut remarks);
     let layout = header.own_attributes.environment_map.map(|map| match map {
         EnvironmentMap::LatitudeLongitude => MapLayout::LatLong,
         EnvironmentMap::Cube => MapLayout::Cube,
     });
-    Ok(Picture { image, layout, remarks })
+    Ok(Picture { image, layout, remarks, repair, is_converted: conversion.is_needed() })
 }
 
 /// Converts the data window to the display window.
@@ -110,12 +114,6 @@ fn displayed(path: &Path, data: Image, header: &Header, remarks: &mut Vec<Remark
     Ok(image)
 }
 
-fn primaries_of(chromaticities: &Chromaticities) -> Primaries {
-    let of = |Vec2(x, y): Vec2<f32>| [f64::from(x), f64::from(y)];
-    let Chromaticities { red, green, blue, white } = *chromaticities;
-    Primaries { colors: [of(red), of(green), of(blue)], white: of(white) }
-}
-
 /// A picture that is filled block by block.
 struct Decoder {
     /// The data window.
@@ -123,8 +121,6 @@ struct Decoder {
     source: Source,
     /// All channels of the part.
     channels: ChannelList,
-    /// Number of infinite half-precision values.
-    overflown: usize,
 }
 
 impl Decoder {
@@ -152,16 +148,15 @@ impl Decoder {
                 return Err(Error::invalid(path, "offset table", "an entry leads to a block of another place"));
             }
             for line in block.lines(&self.channels) {
-                store(&mut self.image, &self.source, &self.channels, &line, &mut self.overflown);
+                store(&mut self.image, &self.source, &self.channels, &line);
             }
         }
         Ok(())
     }
 }
 
-/// Copies a row of samples of one channel to every colour that uses it, and counts infinite
-/// half-precision values.
-fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef, overflown: &mut usize) {
+/// Copies a row of samples of one channel to every colour that uses it.
+fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &LineRef) {
     let Vec2(x, y) = line.location.position;
     let start = y * image.width + x;
     let row = &mut image.pixels[start..start + line.location.sample_count];
@@ -172,12 +167,8 @@ fn store(image: &mut Image, source: &Source, channels: &ChannelList, line: &Line
         let stored = row.iter_mut().map(|pixel| &mut pixel[colour]);
         match channels.list[line.location.channel].sample_type {
             SampleType::F16 => {
-                for (to, &from) in stored.zip(line.value.as_chunks().0) {
-                    let value = f16::from_ne_bytes(from);
-                    *overflown += usize::from(value.is_infinite());
-                    // NaN is kept.
-                    *to = value.clamp(f16::MIN, f16::MAX).to_f32();
-                }
+                let samples = line.value.as_chunks().0.iter();
+                stored.zip(samples).for_each(|(to, &from)| *to = f16::from_ne_bytes(from).to_f32());
             }
             SampleType::F32 => {
                 let samples = line.value.as_chunks().0.iter();

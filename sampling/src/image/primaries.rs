@@ -21,10 +21,34 @@ impl Primaries {
     /// Rec.709, which is also sRGB.
     pub const REC_709: Self = Self { colors: [[0.64, 0.33], [0.3, 0.6], [0.15, 0.06]], white: [0.3127, 0.3290] };
 
+    /// ITU-R BT.2020.
+    #[cfg(feature = "exr")]
+    pub const REC_2020: Self =
+        Self { colors: [[0.708, 0.292], [0.17, 0.797], [0.131, 0.046]], white: Self::REC_709.white };
+
+    /// DCI-P3 with the white of Rec.709.
+    #[cfg(feature = "exr")]
+    pub const P3_D65: Self = Self { colors: [[0.68, 0.32], [0.265, 0.69], [0.15, 0.06]], white: Self::REC_709.white };
+
+    /// Adobe RGB (1998).
+    #[cfg(feature = "exr")]
+    pub const ADOBE_RGB: Self = Self { colors: [[0.64, 0.33], [0.21, 0.71], [0.15, 0.06]], white: Self::REC_709.white };
+
+    /// ACES2065-1, the primaries AP0.
+    #[cfg(feature = "exr")]
+    pub const ACES_2065_1: Self =
+        Self { colors: [[0.7347, 0.2653], [0.0, 1.0], [0.0001, -0.077]], white: [0.32168, 0.33767] };
+
+    /// ACEScg, the primaries AP1.
+    #[cfg(any(feature = "exr", test))]
+    pub const ACES_CG: Self =
+        Self { colors: [[0.713, 0.293], [0.165, 0.83], [0.128, 0.044]], white: [0.32168, 0.33767] };
+
     /// The primaries of XYZ.
     pub const XYZ: Self = Self { colors: [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]], white: EQUAL_ENERGY };
 
-    fn is_near(&self, other: &Self) -> bool {
+    /// Whether two headers mean the same primaries.
+    pub fn is_near(&self, other: &Self) -> bool {
         let numbers = |p: &Self| [p.colors[0], p.colors[1], p.colors[2], p.white].concat();
         numbers(self).iter().zip(numbers(other)).all(|(a, b)| (a - b).abs() < TOLERANCE)
     }
@@ -47,6 +71,13 @@ impl Primaries {
             let [wx, wy] = self.white;
             format!("{rx},{ry} {gx},{gy} {bx},{by} with white {wx},{wy} are not valid primaries")
         })
+    }
+
+    /// The luminance of red, green and blue, whose sum is 1; `None` for invalid primaries.
+    #[cfg(feature = "exr")]
+    pub fn luminance(self) -> Option<DVec3> {
+        let weights = self.to_xyz()?.row(1);
+        Some(weights / weights.element_sum()).filter(|weights| weights.is_finite() && weights.y.abs() > 1e-9)
     }
 
     /// The matrix from RGB to XYZ: equal values of 1 are the white of luminance 1.
@@ -78,13 +109,6 @@ fn invert(matrix: DMat3) -> Option<DMat3> {
     (matrix.determinant().abs() > 1e-9).then(|| matrix.inverse())
 }
 
-/// Applies a matrix to every pixel.
-pub(super) fn convert(pixels: &mut [[f32; 3]], matrix: &DMat3) {
-    for pixel in pixels {
-        *pixel = (*matrix * DVec3::from(pixel.map(f64::from))).to_array().map(|value| value as f32);
-    }
-}
-
 /// The matrix from tristimulus values of Radiance files, whose white is that of equal energy.
 pub(super) fn radiance_xyz_to_rec_709() -> Option<DMat3> {
     Some(invert(Primaries::REC_709.to_xyz()?)? * adaptation(EQUAL_ENERGY)?)
@@ -93,9 +117,6 @@ pub(super) fn radiance_xyz_to_rec_709() -> Option<DMat3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    const ACES_CG: Primaries =
-        Primaries { colors: [[0.713, 0.293], [0.165, 0.83], [0.128, 0.044]], white: [0.32168, 0.33767] };
 
     #[test]
     fn rec_709_is_not_converted() {
@@ -106,7 +127,7 @@ mod tests {
 
     #[test]
     fn white_stays_white() {
-        let matrix = ACES_CG.to_rec_709().unwrap().unwrap();
+        let matrix = Primaries::ACES_CG.to_rec_709().unwrap().unwrap();
         assert!((matrix * DVec3::ONE - DVec3::ONE).abs().max_element() < 1e-6);
         let matrix = radiance_xyz_to_rec_709().unwrap();
         assert!((matrix * DVec3::ONE - DVec3::ONE).abs().max_element() < 1e-6);
@@ -115,7 +136,7 @@ mod tests {
     /// The matrix published by the Academy (ACEScg to linear Rec.709 with Bradford adaptation).
     #[test]
     fn aces_cg_gives_the_published_matrix() {
-        let matrix = ACES_CG.to_rec_709().unwrap().unwrap();
+        let matrix = Primaries::ACES_CG.to_rec_709().unwrap().unwrap();
         let published = DMat3::from_cols_array(&[
             1.70505, -0.13026, -0.02400, -0.62179, 1.14080, -0.12897, -0.08326, -0.01055, 1.15297,
         ]);
@@ -135,7 +156,7 @@ mod tests {
         let line = Primaries { colors: [[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]], ..Primaries::REC_709 };
         assert!(line.to_rec_709().unwrap_err().contains("not valid primaries"));
         for white in [[0.3, 0.0], [f64::NAN, 0.3]] {
-            assert!(Primaries { white, ..ACES_CG }.to_rec_709().is_err());
+            assert!(Primaries { white, ..Primaries::ACES_CG }.to_rec_709().is_err());
         }
     }
 }

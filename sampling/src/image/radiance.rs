@@ -9,8 +9,9 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use glam::DMat3;
+use glam::{DMat3, DVec3};
 
+use super::conversion::{Conversion, Transfer};
 use super::primaries::{self, Primaries};
 use super::rgbe;
 use super::size::check_size;
@@ -50,20 +51,21 @@ pub(super) fn read(path: &Path, file: File, file_size: u64) -> Result<Picture> {
         let reason = format!("{width} x {height} pixels take at least {least} bytes, the file has {file_size}");
         return Err(Error::invalid(path, "dimensions", reason));
     }
+    let conversion = header.conversion().map_err(|reason| Error::invalid(path, "header", reason))?;
+    let (factors, matrix, mut remarks) = conversion;
     let mut image = Image::black(width, height);
     let mut line = vec![[0; 4]; length];
     for number in 0..lines {
         rgbe::read_line(&mut rest, &mut line)
             .map_err(|reason| Error::invalid(path, "pixels", format!("{reason} (line {number} of {lines})")))?;
         for (k, &pixel) in line.iter().enumerate() {
-            image.pixels[resolution.index(number, k)] = rgbe::to_linear(pixel);
+            let values = DVec3::from(rgbe::to_linear(pixel).map(f64::from));
+            image.pixels[resolution.index(number, k)] = (factors * values).to_array().map(|value| value as f32);
         }
     }
-    let (matrix, remarks) = header.conversion().map_err(|reason| Error::invalid(path, "header", reason))?;
-    if let Some(matrix) = matrix {
-        primaries::convert(&mut image.pixels, &matrix);
-    }
-    Ok(Picture { image, layout: None, remarks })
+    let conversion = Conversion { luminance: None, transfer: Transfer::Linear, matrix };
+    let repair = conversion.apply(&mut image, false, &mut remarks);
+    Ok(Picture { image, layout: None, remarks, repair, is_converted: conversion.is_needed() })
 }
 
 /// The entries of a header that affect values.
@@ -134,34 +136,31 @@ impl Header {
         Ok(())
     }
 
-    /// The matrix from values to linear Rec.709 radiance, and remarks about it.
-    fn conversion(&self) -> std::result::Result<(Option<DMat3>, Vec<Remark>), String> {
+    /// The factors from values to radiance and the matrix to Rec.709, and remarks about them.
+    fn conversion(&self) -> std::result::Result<(DVec3, Option<DMat3>, Vec<Remark>), String> {
         let mut remarks = Vec::new();
-        let mut matrix = None;
+        let factors = DVec3::from(self.scale).recip();
         if self.scale != [1.0; 3] {
-            let inverse = glam::DVec3::from(self.scale).recip();
-            if !inverse.is_finite() || inverse.min_element() <= 0.0 {
+            if !factors.is_finite() || factors.min_element() <= 0.0 {
                 return Err("the product of its exposures is out of range".into());
             }
-            let [r, g, b] = inverse.to_array();
+            let [r, g, b] = factors.to_array();
             let factors = if r == g && g == b { format!("{r}") } else { format!("{r}, {g}, {b}") };
             remarks.push(Remark::Note(format!("divided out the exposure: multiplied values by {factors}")));
-            matrix = Some(DMat3::from_diagonal(inverse));
         }
-        let colors = match (self.is_xyz, self.primaries) {
+        let matrix = match (self.is_xyz, self.primaries) {
             (true, _) => primaries::radiance_xyz_to_rec_709(),
             (false, Some(primaries)) => primaries.to_rec_709().map_err(|reason| format!("PRIMARIES: {reason}"))?,
             (false, None) => None,
         };
-        if let Some(colors) = colors {
+        if matrix.is_some() {
             remarks.push(Remark::Note("converted colours from the primaries of the file to Rec.709".into()));
-            matrix = Some(colors * matrix.unwrap_or(DMat3::IDENTITY));
         }
         if self.gamma != 1.0 {
             let gamma = self.gamma;
             remarks.push(Remark::Warning(format!("ignored GAMMA={gamma}: values are assumed to be linear")));
         }
-        Ok((matrix, remarks))
+        Ok((factors, matrix, remarks))
     }
 }
 

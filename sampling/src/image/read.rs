@@ -1,11 +1,12 @@
 //! Reading radiance maps, with the format detected from the first bytes.
 
+use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::Path;
 
 #[cfg(feature = "exr")]
 use super::openexr;
-use super::{Image, MapLayout, radiance, without_panic};
+use super::{Image, MapLayout, Repair, radiance, without_panic};
 use crate::error::{Error, Result};
 use crate::file::open_regular;
 use crate::remark::Remark;
@@ -15,16 +16,67 @@ const OPENEXR: [u8; 4] = [0x76, 0x2f, 0x31, 0x01];
 /// Number of bytes read to detect the format.
 const MAGIC_BYTES: u64 = 4096;
 
+/// The format of a file, by its first bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// OpenEXR.
+    OpenExr,
+    /// Radiance.
+    Radiance,
+    /// PNG.
+    Png,
+    /// JPEG.
+    Jpeg,
+    /// Any other.
+    Other,
+}
+
+impl Format {
+    /// Detects the format of a file.
+    ///
+    /// # Errors
+    /// If the file cannot be read, is empty, or is a Git LFS pointer.
+    pub fn of(path: &Path) -> Result<Self> {
+        open(path).map(|(.., format)| format)
+    }
+}
+
+/// Opens a file; returns its size and format too.
+fn open(path: &Path) -> Result<(File, u64, Format)> {
+    let failed = |source| Error::io(path, source);
+    let (mut file, size) = open_regular(path).map_err(failed)?;
+    let mut start = Vec::new();
+    file.by_ref().take(MAGIC_BYTES).read_to_end(&mut start).map_err(failed)?;
+    file.rewind().map_err(failed)?;
+    let refused = |reason| Err(Error::invalid(path, "first bytes", reason));
+    let format = match &start[..] {
+        [] => return refused("the file is empty"),
+        start if start.starts_with(b"version https://git-lfs") => {
+            return refused("is a Git LFS pointer; run `git lfs pull` to fetch the file");
+        }
+        start if start.starts_with(&OPENEXR) => Format::OpenExr,
+        start if radiance::is_radiance(start) => Format::Radiance,
+        start if start.starts_with(b"\x89PNG") => Format::Png,
+        [0xff, 0xd8, ..] => Format::Jpeg,
+        _ => Format::Other,
+    };
+    Ok((file, size, format))
+}
+
 /// The content of a radiance file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
-    /// Linear Rec.709 values. NaN, infinite and negative values are kept, since their handling depends
-    /// on the use.
+    /// Linear Rec.709 values. NaN, infinite and negative values are kept unless the file's colours were
+    /// converted, since their handling depends on the use.
     pub image: Image,
     /// The layout of directions in the picture, if the file has one.
     pub layout: Option<MapLayout>,
-    /// Remarks on conversions, choices and repairs.
+    /// Remarks on conversions and choices.
     pub remarks: Vec<Remark>,
+    /// The values of the image that are not radiance.
+    pub repair: Repair,
+    /// Whether colours were converted from another colour space.
+    pub is_converted: bool,
 }
 
 /// Reads a Radiance (.hdr) or OpenEXR (.exr) file as linear Rec.709; see [`read_picture`].
@@ -48,31 +100,23 @@ pub fn read_radiance(path: &Path) -> Result<Image> {
 /// more than [`super::MAX_PIXELS`] pixels. No content of a file makes this function panic (unless
 /// panics abort).
 pub fn read_picture(path: &Path, layer: Option<&str>) -> Result<Picture> {
-    let failed = |source| Error::io(path, source);
-    let (mut file, file_size) = open_regular(path).map_err(failed)?;
-    let mut start = Vec::new();
-    file.by_ref().take(MAGIC_BYTES).read_to_end(&mut start).map_err(failed)?;
-    file.rewind().map_err(failed)?;
-    if start.starts_with(&OPENEXR) {
+    let (file, size, format) = open(path)?;
+    match (format, layer) {
         #[cfg(feature = "exr")]
-        return checked(path, || openexr::read(path, file, file_size, layer));
+        (Format::OpenExr, layer) => checked(path, || openexr::read(path, file, size, layer)),
         #[cfg(not(feature = "exr"))]
-        Err(Error::invalid(
+        (Format::OpenExr, _) => Err(Error::invalid(
             path,
             "first bytes",
             "is an OpenEXR file, and this build reads Radiance files only: give the texels, or enable the feature exr",
-        ))
-    } else if radiance::is_radiance(&start) {
-        match layer {
-            Some(layer) => Err(Error::invalid(path, "layers", format!("a Radiance file has none, nor '{layer}'"))),
-            None => checked(path, || radiance::read(path, file, file_size)),
+        )),
+        (Format::Radiance, None) => checked(path, || radiance::read(path, file, size)),
+        (Format::Radiance, Some(layer)) => {
+            Err(Error::invalid(path, "layers", format!("a Radiance file has none, nor '{layer}'")))
         }
-    } else if start.is_empty() {
-        Err(Error::invalid(path, "first bytes", "the file is empty"))
-    } else if start.starts_with(b"version https://git-lfs") {
-        Err(Error::invalid(path, "first bytes", "is a Git LFS pointer; run `git lfs pull` to fetch the file"))
-    } else {
-        Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
+        (Format::Png | Format::Jpeg | Format::Other, _) => {
+            Err(Error::invalid(path, "first bytes", "neither a Radiance (.hdr) nor an OpenEXR (.exr) file"))
+        }
     }
 }
 
