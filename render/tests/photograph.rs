@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use headtail_render::image::{Image, Photograph, srgb_code};
 use image::{ExtendedColorType, codecs::jpeg::JpegEncoder};
-use moxcms::{ColorProfile, ToneReprCurve};
+use moxcms::{ColorProfile, LutDataType, LutStore, LutType, LutWarehouse, Matrix3d, ToneReprCurve};
 use png::{BitDepth, ColorType, Info, ScaledFloat, SourceChromaticities, SrgbRenderingIntent};
 
 const RED: [u8; 3] = [230, 40, 40];
@@ -166,6 +166,37 @@ fn pictures_of_srgb_keep_their_codes_without_a_remark() {
         let (found, said) = read(&bytes);
         assert_eq!((found.map(srgb_code), said.len()), (RED, 0), "{said:?}");
     }
+}
+
+/// A profile of a table whose corners are linear colours of Display P3, as tristimulus values under D50.
+#[test]
+fn profiles_of_tables_are_converted() {
+    let p3 = ColorProfile::new_display_p3();
+    let corners = [p3.red_colorant, p3.green_colorant, p3.blue_colorant].map(|c| [c.x, c.y, c.z]);
+    // The first channel varies least. 1 is stored as 32768.
+    let node = |k: usize| [4, 2, 1].map(|bit| if k & bit != 0 { 1.0 } else { 0.0 });
+    let xyz = |k: usize| [0, 1, 2].map(|c| (0..3).map(|i| node(k)[i] * corners[i][c]).sum::<f64>());
+    let table = (0..8).flat_map(xyz).map(|value| (32768.0 * value).round() as u16).collect();
+    let identity = || LutStore::Store16([0, 65535].repeat(3));
+    let lut = LutDataType {
+        num_input_channels: 3,
+        num_output_channels: 3,
+        num_clut_grid_points: 2,
+        matrix: Matrix3d::IDENTITY,
+        num_input_table_entries: 2,
+        num_output_table_entries: 2,
+        input_table: identity(),
+        clut_table: LutStore::Store16(table),
+        output_table: identity(),
+        lut_type: LutType::Lut16,
+    };
+    let mut profile = p3;
+    profile.lut_a_to_b_perceptual = Some(LutWarehouse::Lut(lut));
+    let bytes = png(ColorType::Rgb, BitDepth::Eight, &[128, 100, 100], |info| info.icc_profile = Some(icc(&profile)));
+    let (found, said) = read(&bytes);
+    // By SMPTE EG 432-1; tables of moxcms have 15 bits.
+    assert_near(found, [0.5267, 0.3875, 0.3900], 2e-3);
+    assert!(said.len() == 1 && said[0].ends_with("clipped to it"), "{said:?}");
 }
 
 /// Returns a JPEG file of 16 x 16 equal pixels.

@@ -54,20 +54,20 @@ pub(super) fn linear_pixels(decoded: DynamicImage, bytes: &[u8]) -> (Vec<[f32; 3
         None => Ok(None),
     });
     let transform = transform.unwrap_or_else(|| Err("the profile is damaged".into()));
-    let codes = codes(decoded);
+    let mut codes = codes(decoded);
     let reason = match transform {
         Ok(None) => None,
         Err(reason) => Some(reason),
-        Ok(Some((transform, name))) => match without_panic(|| transform.apply(&codes)).flatten() {
+        Ok(Some((transform, name))) => match transform.apply(&codes) {
             Some(pixels) => {
-                return (pixels, Some(Remark::Note(format!("converted colours from {name} to Rec.709"))));
+                let limit = if transform.is_coded { ", clipped to it" } else { "" };
+                return (pixels, Some(Remark::Note(format!("converted colours from {name} to Rec.709{limit}"))));
             }
             None => Some(format!("{name} gives colours that are not numbers")),
         },
     };
-    let decode = |pixel: &[f32; 3]| pixel.map(srgb_decode);
-    let remark = reason.map(|reason| Remark::Warning(format!("read colours as sRGB: {reason}")));
-    (codes.par_iter().map(decode).collect(), remark)
+    codes.par_iter_mut().flatten().for_each(|value| *value = srgb_decode(*value));
+    (codes, reason.map(|reason| Remark::Warning(format!("read colours as sRGB: {reason}"))))
 }
 
 /// Returns codes in `[0, 1]`.
@@ -124,19 +124,21 @@ impl Transform {
     fn apply(&self, codes: &[[f32; 3]]) -> Option<Vec<[f32; 3]>> {
         let mut pixels = vec![[0.0; 3]; codes.len()];
         let blocks = pixels.par_chunks_mut(BLOCK).zip(codes.par_chunks(BLOCK));
-        let is_done = blocks.map(|(to, from)| {
-            let done = if self.is_grey {
-                let grey: Vec<f32> = from.iter().map(|pixel| pixel[0]).collect();
-                self.transform.transform(&grey, to.as_flattened_mut())
-            } else {
-                self.transform.transform(from.as_flattened(), to.as_flattened_mut())
-            };
-            if self.is_coded {
-                to.iter_mut().flatten().for_each(|value| *value = srgb_decode(*value));
-            }
-            done.is_ok() && to.iter().flatten().all(|value| value.is_finite())
-        });
-        is_done.reduce(|| true, |a, b| a && b).then_some(pixels)
+        blocks.map(|(to, from)| without_panic(|| self.convert(from, to)).flatten()).collect::<Option<()>>()?;
+        Some(pixels)
+    }
+
+    fn convert(&self, from: &[[f32; 3]], to: &mut [[f32; 3]]) -> Option<()> {
+        let done = if self.is_grey {
+            let grey: Vec<f32> = from.iter().map(|pixel| pixel[0]).collect();
+            self.transform.transform(&grey, to.as_flattened_mut())
+        } else {
+            self.transform.transform(from.as_flattened(), to.as_flattened_mut())
+        };
+        if self.is_coded {
+            to.iter_mut().flatten().for_each(|value| *value = srgb_decode(*value));
+        }
+        done.ok().filter(|()| to.iter().flatten().all(|value| value.is_finite()))
     }
 
     /// Whether no 8-bit code of a grid and of greys changes.

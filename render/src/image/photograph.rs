@@ -13,6 +13,7 @@ use crate::{
     color::srgb_encode,
     error::{Error, Result},
     file::open_regular,
+    memory,
     remark::Remark,
 };
 
@@ -78,6 +79,9 @@ impl Photograph {
         let mut decoded = decode_compressed(bytes, MAX_PIXELS as u64)?;
         decoded.apply_orientation(orientation);
         let (width, height) = (decoded.width() as usize, decoded.height() as usize);
+        // Codes and colours.
+        let needed = memory::require(24 * (width * height) as u64, || format!("an image of {width} x {height} pixels"));
+        needed.map_err(|error| error.to_string())?;
         let (pixels, remark) = linear_pixels(decoded, bytes);
         let repair = Repair::of(pixels.iter().flatten().copied(), false).outside();
         let remarks = remark.into_iter().chain(repair.remarks_of_photograph()).collect();
