@@ -50,8 +50,9 @@ pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
 pub use neural::{NeuralMaterial, NeuralSpec, TangentView};
 pub use normal_map::{NormalMap, TangentSpace};
+pub(crate) use ray::RayKind;
 pub use ray::{Bounds, Hit, Ray};
-pub use texture::{Texture, Wrap};
+pub use texture::{Filter, Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};
 
@@ -257,15 +258,20 @@ impl Scene {
         self.camera.unwrap_or_else(|| Camera::framing(|| self.triangles().flatten().map(Vec3A::from), aspect))
     }
 
-    /// Returns the nearest surface along a ray, as seen from the ray's origin: both normals are on the
-    /// viewer's side.
+    /// Returns the nearest surface along a ray of a camera, as seen from the ray's origin: both normals are on
+    /// the viewer's side. Back faces of single-sided materials of glTF are invisible.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
+        self.intersect_one(RayKind::Camera, ray)
+    }
+
+    /// [`Self::intersect`] for a ray of a kind.
+    pub(crate) fn intersect_one(&self, kind: RayKind, ray: &Ray) -> Option<ShadingPoint> {
         let mut hits = [None];
-        self.closest_batch(std::slice::from_ref(ray), &mut hits);
+        self.closest_batch(kind, std::slice::from_ref(ray), &mut hits);
         Some(self.surface(ray, &hits[0]?, 0.0))
     }
 
-    /// Intersects many rays: fills a tile with the surfaces hit and appends to `indices` the rays that hit
+    /// Intersects many rays of a camera: fills a tile with the surfaces hit and appends to `indices` the rays that hit
     /// something, in order. `key` returns the key of a ray's shading point; `spread` is the angle in radians
     /// between the rays of neighbouring pixels.
     pub fn intersect_batch(
@@ -276,14 +282,14 @@ impl Scene {
         tile: &mut Tile,
         indices: &mut Vec<usize>,
     ) {
-        self.intersect_and_emit(rays, spread, key, tile, indices, None);
+        self.intersect_and_emit((RayKind::Camera, rays), spread, key, tile, indices, None);
     }
 
-    /// [`Self::intersect_batch`] that also appends the radiance emitted by each surface to `emission`, if
+    /// [`Self::intersect_batch`] for rays of a kind that also appends the radiance emitted by each surface to `emission`, if
     /// given.
     pub(crate) fn intersect_and_emit(
         &self,
-        rays: &[Ray],
+        (kind, rays): (RayKind, &[Ray]),
         spread: f32,
         key: impl Fn(usize) -> u32,
         tile: &mut Tile,
@@ -296,7 +302,7 @@ impl Scene {
         for (chunk, rays) in rays.chunks(CHUNK).enumerate() {
             let mut hits = [None; CHUNK];
             let hits = &mut hits[..rays.len()];
-            self.closest_batch(rays, hits);
+            self.closest_batch(kind, rays, hits);
             if let Some(emission) = &mut emission {
                 emission.extend(hits.iter().flatten().map(|hit| self.emission(hit)));
             }
@@ -326,10 +332,10 @@ impl Scene {
     }
 
     /// Finds the nearest hits of many rays; both slices have equal length.
-    pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.opaque.closest_batch(rays, hits);
+    pub(crate) fn closest_batch(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.opaque.closest_batch(kind, rays, hits);
         if self.masked.count() > 0 {
-            self.add_masked_hits(rays, hits);
+            self.add_masked_hits(kind, rays, hits);
         }
     }
 

@@ -159,6 +159,7 @@ pub struct Material {
     /// For alpha mode `MASK` only.
     pub alpha_cutoff: Option<f32>,
     pub alpha_mode: Option<String>,
+    pub double_sided: bool,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,
     pub extensions: MaterialExtensions,
@@ -300,6 +301,7 @@ pub struct Instancing {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Sampler {
+    pub mag_filter: Option<Whole>,
     pub wrap_s: Option<Whole>,
     pub wrap_t: Option<Whole>,
 }

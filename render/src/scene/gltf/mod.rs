@@ -121,15 +121,20 @@ impl Scene {
     }
 }
 
-/// Returns the meshes with their alpha masks, and the materials they refer to: the file's or, if not
+/// Returns the meshes with their alpha masks and sidedness, and the materials they refer to: the file's or, if not
 /// `materials`, copies of the default one.
 fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Result<(Vec<Mesh>, Vec<Material>)> {
     let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
     let mut textures = Textures::new(document);
     let masks = masks::read_all(document, &used, &mut textures, materials)?;
-    let masked = |mesh: Mesh| match masks.get(&mesh.material) {
-        Some(mask) => mesh.with_mask(mask.clone()),
-        None => mesh,
+    let own = |mesh: Mesh| {
+        let material = document.root().materials.get(mesh.material);
+        // The default material is single-sided, too.
+        let mesh = Mesh { is_single_sided: !material.is_some_and(|material| material.double_sided), ..mesh };
+        match masks.get(&mesh.material) {
+            Some(mask) => mesh.with_mask(mask.clone()),
+            None => mesh,
+        }
     };
     let materials = if materials {
         meshes.iter().for_each(|mesh| warn_of_missing_texcoords(document, mesh));
@@ -137,7 +142,7 @@ fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Re
     } else {
         vec![default_material(); document.root().materials.len() + 1]
     };
-    Ok((meshes.into_iter().map(masked).collect(), materials))
+    Ok((meshes.into_iter().map(own).collect(), materials))
 }
 
 /// Warns of textures at coordinates that a mesh does not have.

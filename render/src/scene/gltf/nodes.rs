@@ -25,11 +25,14 @@ pub struct Instance {
     pub weights: Option<Vec<f32>>,
     /// The transforms of joints, which replace `to_world`; empty without a skin.
     pub joints: Vec<DAffine3>,
+    /// Whether the transform that joints replace mirrors.
+    pub is_mirrored: bool,
 }
 
 impl Instance {
     fn at_origin(mesh: usize) -> Self {
-        Self { mesh, to_world: DAffine3::IDENTITY, name: String::new(), weights: None, joints: Vec::new() }
+        let (to_world, name, joints) = (DAffine3::IDENTITY, String::new(), Vec::new());
+        Self { mesh, to_world, name, weights: None, joints, is_mirrored: false }
     }
 
     /// Returns whether it has neither morph weights of its own nor a skin.
@@ -103,7 +106,8 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
     for (instances, skin, field) in skinned {
         let joints = read_joints(document, skin, &globals, &field)?;
         for instance in &mut placed.meshes[instances] {
-            // The specification ignores the node's own transform.
+            // The specification ignores the node's own transform, except for the winding order.
+            instance.is_mirrored = instance.to_world.matrix3.determinant() < 0.0;
             (instance.to_world, instance.joints) = (DAffine3::IDENTITY, joints.clone());
         }
     }
@@ -160,6 +164,7 @@ fn place_mesh(
         name: name.clone(),
         weights: node.weights.clone(),
         joints: Vec::new(),
+        is_mirrored: false,
     };
     match &node.extensions.instancing {
         None => meshes.push(instance(to_world)),

@@ -3,6 +3,7 @@
 mod images;
 mod instances;
 mod masks;
+mod sides;
 mod skins;
 mod unusual;
 

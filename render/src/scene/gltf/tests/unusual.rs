@@ -322,8 +322,10 @@ fn emissive_surfaces_are_visible_and_light_others() {
     set(&mut json, "/nodes", json!([{"mesh": 0}, {"mesh": 1, "translation": [0, 1, 0]}]));
     let grey = json!({"baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0});
     let strength = json!({"KHR_materials_emissive_strength": {"emissiveStrength": 6}});
-    let lamp = json!({"emissiveFactor": [0.5, 1, 1], "emissiveTexture": {"index": 0}, "extensions": strength});
-    set(&mut json, "/materials", json!([{"pbrMetallicRoughness": grey}, lamp]));
+    let texture = json!({"index": 0});
+    let lamp =
+        json!({"doubleSided": true, "emissiveFactor": [0.5, 1, 1], "emissiveTexture": texture, "extensions": strength});
+    set(&mut json, "/materials", json!([{"doubleSided": true, "pbrMetallicRoughness": grey}, lamp]));
     let scene = load(&json, &bin).unwrap();
     assert!(scene.is_emissive() && warnings(&scene).is_empty());
     let environment = std::sync::Arc::new(built_in("overcast").unwrap());
