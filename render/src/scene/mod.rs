@@ -84,8 +84,8 @@ pub struct Scene {
     /// The BRDFs that surfaces refer to.
     brdfs: BrdfTable,
     camera: Option<Camera>,
-    /// All cameras of the file with their names.
-    cameras: Vec<(String, Camera)>,
+    /// All cameras of the file with their names, or why they cannot be opened.
+    cameras: Vec<(String, std::result::Result<Camera, String>)>,
     /// Features of the file that are ignored or converted.
     remarks: Vec<Remark>,
     opaque: Faces,
@@ -233,18 +233,19 @@ impl Scene {
     /// Selects the file's camera of that name, or of that number in the file's order.
     ///
     /// # Errors
-    /// [`Error::Argument`] that lists the names if there is no such camera.
+    /// [`Error::Argument`] that lists the names if there is no such camera, or says why it cannot be opened.
     pub fn use_camera(&mut self, name: &str) -> Result<()> {
         let numbered = || self.cameras.get(name.parse::<usize>().ok()?);
         let found = self.cameras.iter().find(|(own, _)| own == name).or_else(numbered);
-        let Some(&(_, camera)) = found else {
+        let Some((_, camera)) = found else {
             let names: Vec<String> =
                 self.camera_names().take(12).map(|name| format!("'{}'", name.escape_debug())).collect();
             let there =
                 if names.is_empty() { "the scene has none".into() } else { format!("there are {}", names.join(", ")) };
             return Err(Error::argument(format!("camera '{name}'"), there));
         };
-        self.camera = Some(camera);
+        let broken = |reason: &String| Error::argument(format!("camera '{name}'"), reason);
+        self.camera = Some(*camera.as_ref().map_err(broken)?);
         Ok(())
     }
 

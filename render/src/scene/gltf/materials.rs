@@ -28,8 +28,9 @@ const MAX_TEXELS: u64 = 1 << 28;
 /// outside `used` are not read.
 pub fn read_all(document: &Document, used: &BTreeSet<usize>, textures: &mut Textures<'_>) -> Result<Vec<Material>> {
     let mut materials = Vec::new();
-    for (i, material) in document.root().materials.iter().enumerate() {
+    for i in 0..document.root().materials.len() {
         materials.push(if used.contains(&i) {
+            let material = document.get(&document.root().materials, Whole(i as u64), "materials")?;
             warn_of_what_is_left_out(document, material);
             read_material(document, material, i, textures)?
         } else {
@@ -168,9 +169,7 @@ impl<'a> Textures<'a> {
             }
             None => Default::default(),
         };
-        let mut extensions: Vec<String> =
-            texture.extensions.keys().map(|name| name.escape_debug().to_string()).collect();
-        extensions.sort();
+        let extensions: Vec<String> = texture.extensions.0.iter().map(|name| name.escape_debug().to_string()).collect();
         let Some(source) = texture.source else {
             let by = if extensions.is_empty() { String::new() } else { format!(" ({})", extensions.join(", ")) };
             document.warn(format!("ignored textures without a PNG or JPEG image{by}"));

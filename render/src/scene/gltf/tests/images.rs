@@ -69,7 +69,27 @@ fn textures_come_from_views_data_and_files() {
     let path = folder.path().join("scene.gltf");
     std::fs::write(&path, json.to_string()).unwrap();
     assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
-    std::fs::remove_file(folder.path().join("base color.png")).unwrap();
+
+    // Both in the folder beside the file's, as projects share them.
+    let inner = folder.path().join("chair");
+    std::fs::create_dir(&inner).unwrap();
+    std::fs::rename(folder.path().join("base color.png"), folder.path().join("wood é.png")).unwrap();
+    for uri in ["./../chair/../wood%20%C3%A9.png", "../wood é.png"] {
+        set(&mut json, "/buffers/0/uri", json!("../buffer.bin"));
+        set(&mut json, "/images/0/uri", json!(uri));
+        let path = inner.join("scene.gltf");
+        std::fs::write(&path, json.to_string()).unwrap();
+        assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
+    }
+    set(&mut json, "/images/0/uri", json!("../../wood.png"));
+    let path = inner.join("scene.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
+    assert_fails(Scene::load(&path), "images[0].uri: '../../wood.png' is outside of the parent of the file's folder");
+
+    set(&mut json, "/buffers/0/uri", json!("buffer.bin"));
+    set(&mut json, "/images/0/uri", json!("base%20color.png"));
+    let path = folder.path().join("scene.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
     assert_fails(Scene::load(&path), "images[0].uri: cannot read 'base%20color.png'");
 }
 
