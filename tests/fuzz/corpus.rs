@@ -130,7 +130,8 @@ pub fn photographs() -> Vec<Vec<u8>> {
     files
 }
 
-/// A textured triangle as `.glb`, a file of rarer features, and the first one as `.gltf`.
+/// A textured triangle as `.glb`, files of rarer features and of broken unused parts, and the first one as
+/// `.gltf`.
 pub fn gltf() -> Vec<Vec<u8>> {
     let mut bin = Vec::new();
     for value in [0.0_f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0] {
@@ -160,8 +161,8 @@ pub fn gltf() -> Vec<Vec<u8>> {
         )
         .into_bytes()
     };
-    let rare = glb(RARE.as_bytes(), &rare_numbers());
-    vec![glb(&json(""), &bin), rare, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
+    let [rare, loose] = [RARE, LOOSE].map(|json| glb(json.as_bytes(), &rare_numbers()));
+    vec![glb(&json(""), &bin), rare, loose, json(r#","uri":"data:application/octet-stream;base64,AAAAAAAAAAAAAAAA""#)]
 }
 
 fn glb(json: &[u8], bin: &[u8]) -> Vec<u8> {
@@ -191,6 +192,20 @@ const RARE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0
 {"bufferView":0,"byteOffset":8,"componentType":5126,"count":3,"type":"VEC4"}],
 "bufferViews":[{"buffer":0,"byteLength":128},{"buffer":0,"byteOffset":128,"byteLength":12}],
 "buffers":[{"byteLength":140}]}"#;
+
+/// Cameras, sides, compression with a fallback, broken parts that nothing uses, and a texture of the parent folder.
+const LOOSE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0,1,2]},{"nodes":7}],
+"nodes":[{"mesh":0,"scale":[-1,1,1]},{"camera":1,"scale":[0,1,-1]},{"camera":-1},{"mesh":9,"rotation":[0,0,0,0]}],
+"cameras":[{"type":"orthographic","orthographic":{"ymag":0}},{"type":"orthographic","orthographic":{"ymag":2}},3],
+"meshes":[{"name":"ball","extensions":{"A":{}},"primitives":[{"attributes":{"POSITION":0,"TEXCOORD_0":1},"material":0,
+"extensions":{"KHR_draco_mesh_compression":{"bufferView":0,"attributes":{"POSITION":0}}}}]},{"primitives":"none"}],
+"materials":[{"doubleSided":true,"alphaMode":"MASK","pbrMetallicRoughness":{"baseColorFactor":[1,1,1,0.7]}},
+{"doubleSided":false,"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"skins":[{"joints":"x"}],
+"textures":[{"source":0,"sampler":0}],"samplers":[{"magFilter":9728,"minFilter":9984,"wrapS":33648}],"images":[{"uri":"../a/%C3%A9.png"}],
+"accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"},{"bufferView":1,"componentType":5126,"count":3,"type":"VEC2"},
+{"componentType":5126,"count":3,"type":"VEC3","extensions":{"A":{}}},{"count":"many"}],
+"bufferViews":[{"buffer":0,"byteLength":128,"extensions":{"EXT_meshopt_compression":{"buffer":1}}},{"buffer":0,"byteLength":128},{"buffer":1,"byteLength":9}],
+"buffers":[{"byteLength":140},{"byteLength":9,"extensions":{"EXT_meshopt_compression":{"fallback":true}}}]}"#;
 
 /// Numbers for positions, weights and matrices, then joints and an index.
 fn rare_numbers() -> Vec<u8> {

@@ -101,8 +101,8 @@ fn readers_neither_panic_nor_exceed_memory_limits() {
         fuzz("photo", &corpus::photographs(), |path, _| Photograph::read(path).is_ok());
     }
     if is_wanted("gltf") {
-        let [glb, rare, gltf] = <[Vec<u8>; 3]>::try_from(corpus::gltf()).unwrap();
-        fuzz("gltf.glb", &[glb, rare], |path, _| Scene::load(path).is_ok());
+        let [glb, rare, loose, gltf] = <[Vec<u8>; 4]>::try_from(corpus::gltf()).unwrap();
+        fuzz("gltf.glb", &[glb, rare, loose], |path, _| Scene::load(path).is_ok());
         // The buffer is too short for the accessors, so the original is rejected.
         fuzz("gltf.gltf", &[gltf], |path, bytes| Scene::load(path).is_ok() || bytes.starts_with(b"{\"asset"));
     }

@@ -68,7 +68,7 @@ def read_glb(path):
 
 
 def write_glb(path, vertices, faces):
-    """Writes one mesh of positions and indices."""
+    """Writes one mesh of positions and indices, visible from both sides as in Mitsuba."""
     positions, indices = vertices.astype("<f4").tobytes(), faces.astype("<u4").tobytes()
     binary = positions + indices
     document = {
@@ -76,7 +76,8 @@ def write_glb(path, vertices, faces):
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0}]}],
+        "materials": [{"doubleSided": True}],
         "accessors": [
             {"bufferView": 0, "componentType": 5126, "count": len(vertices), "type": "VEC3"},
             {"bufferView": 1, "componentType": 5125, "count": faces.size, "type": "SCALAR"},

@@ -15,7 +15,7 @@ use crate::{
     estimator::{Contributions, VisibilityTrainer},
     integrator::path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
     points::Points,
-    scene::Ray,
+    scene::{Ray, RayKind},
     tile::{ShadingPoint, Tile},
 };
 
@@ -137,7 +137,7 @@ impl Worker<'_> {
         let path = |pixel| Path { pixel, goal: Goal::Object, from_catcher: false, throughput: Vec3A::ONE };
         let paths: Vec<Path> = (0..rays.len()).map(path).collect();
         let spread = composition.camera.pixel_spread(settings.height);
-        self.meet(&rays, spread, &keys, &paths);
+        self.meet(RayKind::Camera, &rays, spread, &keys, &paths);
         let Self { workspace, pixels, .. } = self;
         for path in &workspace.object.paths {
             pixels.sums[path.pixel].object_hits += 1;
@@ -150,12 +150,12 @@ impl Worker<'_> {
 
     /// Fills both fronts with the hits of rays. Light between points of the catcher is omitted, since the
     /// photograph contains it.
-    fn meet(&mut self, rays: &[Ray], spread: f32, keys: &[u32], paths: &[Path]) {
+    fn meet(&mut self, kind: RayKind, rays: &[Ray], spread: f32, keys: &[u32], paths: &[Path]) {
         let Self { composition, settings, workspace, .. } = self;
         let stage = composition.stage;
         let scene = if settings.without_object { &stage.catcher } else { &stage.all };
         let mut hits = vec![None; rays.len()];
-        scene.closest_batch(rays, &mut hits);
+        scene.closest_batch(kind, rays, &mut hits);
         for front in [&mut workspace.object, &mut workspace.catcher] {
             front.tile.clear(scene.brdfs());
             front.paths.clear();
@@ -288,7 +288,7 @@ impl Worker<'_> {
         for which in [Which::Object, Which::Catcher] {
             self.bounce(which, bounce, &mut next);
         }
-        self.meet(&next.rays, BOUNCE_SPREAD, &next.keys, &next.paths);
+        self.meet(RayKind::Bounce, &next.rays, BOUNCE_SPREAD, &next.keys, &next.paths);
     }
 
     fn bounce(&mut self, which: Which, number: u32, next: &mut Bounced) {

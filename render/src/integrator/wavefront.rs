@@ -12,7 +12,7 @@ use crate::{
     columns::Arena,
     estimator::{Contributions, Estimator, VisibilityTrainer},
     points::Points,
-    scene::Ray,
+    scene::{Ray, RayKind},
     simd::LANES,
     tile::Tile,
     timings::{Stage, timed},
@@ -96,7 +96,8 @@ impl Workspace {
         paths.clear();
         emission.clear();
         let emitted = view.scene.is_emissive().then_some(&mut *emission);
-        view.scene.intersect_and_emit(rays, view.camera.pixel_spread(view.height), key, tile, hits, emitted);
+        let spread = view.camera.pixel_spread(view.height);
+        view.scene.intersect_and_emit((RayKind::Camera, rays), spread, key, tile, hits, emitted);
         paths.extend(hits.iter().map(|&pixel| Path { pixel, throughput: Vec3A::ONE }));
         add_emission(paths, emission, pixels);
         let mut seen = hits.iter().peekable();
@@ -166,7 +167,8 @@ impl Workspace {
         emission.clear();
         let emitted = view.scene.is_emissive().then_some(&mut *emission);
         timed(Stage::CameraRays, || {
-            view.scene.intersect_and_emit(rays, BOUNCE_SPREAD, |k| keys[k], next_tile, hits, emitted);
+            let key = |k: usize| keys[k];
+            view.scene.intersect_and_emit((RayKind::Bounce, rays), BOUNCE_SPREAD, key, next_tile, hits, emitted);
         });
         paths.clear();
         paths.extend(hits.iter().map(|&k| next_paths[k]));

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::{
     frame::Frame,
     random::{Purpose, Stream},
-    scene::{Camera, Ray, Scene},
+    scene::{Camera, Ray, RayKind, Scene},
 };
 
 /// Pixels that paths start at.
@@ -67,7 +67,7 @@ fn path(scene: &Scene, camera: &Camera, seed: u64, pixel: usize) -> [Vec<Ray>; 2
         let Some(at) = next.take() else { break };
         for _ in 0..RAYS {
             let ray = scene.leaving(at.p, at.ng, cosine_weighted(at.ng, &mut random));
-            let hit = scene.intersect(&ray);
+            let hit = scene.intersect_one(RayKind::Bounce, &ray);
             rays[usize::from(hit.is_some())].push(ray);
             // The path goes on to the last surface that was hit.
             next = hit.or(next);

@@ -9,7 +9,7 @@ use glam::{Vec3, Vec3A};
 use obvhs::{BvhBuildParams, bvh2::builder::build_bvh2_from_tris, rt_triangle::RtTriangle, triangle::Triangle};
 
 use super::{
-    ray::{Hit, Ray},
+    ray::{Hit, Ray, RayKind},
     wide::{Question, Traversal, WideBvh},
 };
 
@@ -38,6 +38,13 @@ impl Bvh {
         Self(WideBvh::new(&tree, &entries))
     }
 
+    /// Returns the hierarchy with marks on the triangles, given by their index, whose back faces are invisible
+    /// to cameras.
+    pub(super) fn with_single_sided(mut self, is_single_sided: impl Fn(usize) -> bool) -> Self {
+        self.0.set_single_sided(is_single_sided);
+        self
+    }
+
     /// Returns the nearest hit of a ray.
     pub fn closest(&self, ray: &Ray) -> Option<Hit> {
         let mut hit = [None];
@@ -54,7 +61,12 @@ impl Bvh {
 
     /// [`Self::closest`] for many rays; both slices have equal length.
     pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        Traversal { bvh: &self.0, rays, question: Question::Nearest(hits) }.run();
+        self.nearest(RayKind::Bounce, rays, hits);
+    }
+
+    /// [`Self::closest_batch`] for rays of a kind.
+    pub(super) fn nearest(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        Traversal { bvh: &self.0, rays, question: Question::Nearest(kind, hits) }.run();
     }
 
     /// [`Self::occluded`] for many rays; both slices have equal length.

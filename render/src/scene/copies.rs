@@ -15,7 +15,7 @@ use obvhs::{
     bvh2::{Bvh2, builder::build_bvh2},
 };
 
-use super::{Bounds, Bvh, Hit, Mesh, OFFSET, Ray};
+use super::{Bounds, Bvh, Hit, Mesh, OFFSET, Ray, ray::RayKind};
 
 /// A mesh that has copies.
 struct Prototype {
@@ -105,7 +105,9 @@ impl Copies {
             self.copies.push(Copy { prototype, to_world, to_mesh: to_world.inverse(), first: self.faces });
             self.faces += triangles.len();
         }
-        self.prototypes.push(Prototype { mesh: index, bvh: Bvh::build(&corners), triangles });
+        // A ray meets the same side of a triangle in both coordinates, also where a copy mirrors.
+        let bvh = Bvh::build(&corners).with_single_sided(|_| mesh.is_single_sided);
+        self.prototypes.push(Prototype { mesh: index, bvh, triangles });
     }
 
     /// Returns the box around all copies.
@@ -126,8 +128,8 @@ impl Copies {
     }
 
     /// Replaces hits by nearer ones of copies, whose faces are numbered from `first`; both slices have equal length.
-    pub fn add_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>], first: usize) {
-        self.visit(rays, &mut Nearest { hits, first, found: Vec::new() });
+    pub fn add_hits(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>], first: usize) {
+        self.visit(rays, &mut Nearest { kind, hits, first, found: Vec::new() });
     }
 
     /// Marks the rays that copies occlude; both slices have equal length.
@@ -213,6 +215,7 @@ trait Query {
 }
 
 struct Nearest<'a> {
+    kind: RayKind,
     hits: &'a mut [Option<Hit>],
     /// The number of the first face of all copies.
     first: usize,
@@ -228,7 +231,7 @@ impl Query for Nearest<'_> {
         let local: Vec<Ray> = rays.iter().map(|&(_, (ray, _))| ray).collect();
         self.found.clear();
         self.found.resize(rays.len(), None);
-        bvh.closest_batch(&local, &mut self.found);
+        bvh.nearest(self.kind, &local, &mut self.found);
         for (&(ray, (_, length)), found) in rays.iter().zip(&self.found) {
             let Some(found) = found else { continue };
             let hit = Hit { triangle: self.first + first + found.triangle, t: found.t / length, ..*found };

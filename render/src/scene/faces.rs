@@ -6,6 +6,7 @@ use super::{
     Bounds, Bvh, Hit, Mesh, Ray, Scene, TangentSpace,
     copies::Copies,
     mesh::{moved_tangent, normal_matrix},
+    ray::RayKind,
 };
 
 /// Mesh and triangle of a triangle in the hierarchy.
@@ -29,9 +30,9 @@ impl Faces {
     /// Collects the triangles with an area: those of meshes with a mask if `masked`, else those of the
     /// others.
     pub fn build(meshes: &[Mesh], masked: bool) -> Self {
-        let meshes = || meshes.iter().enumerate().filter(move |(_, mesh)| mesh.mask.is_some() == masked);
+        let of_kind = || meshes.iter().enumerate().filter(move |(_, mesh)| mesh.mask.is_some() == masked);
         let (mut placed, mut triangles) = (Vec::new(), Vec::new());
-        for (m, mesh) in meshes().filter(|(_, mesh)| mesh.places.is_empty()) {
+        for (m, mesh) in of_kind().filter(|(_, mesh)| mesh.places.is_empty()) {
             for t in (0..mesh.triangles.len()).filter(|&t| !mesh.is_degenerate(t)) {
                 let corners = mesh.corners(t);
                 triangles.push(corners);
@@ -40,8 +41,9 @@ impl Faces {
                 placed.push(Placed { mesh: m as u32, triangle: t as u32, normal });
             }
         }
-        let copies = Copies::build(meshes().filter(|(_, mesh)| !mesh.places.is_empty()));
-        Self { placed, bvh: Bvh::build(&triangles), copies }
+        let copies = Copies::build(of_kind().filter(|(_, mesh)| !mesh.places.is_empty()));
+        let bvh = Bvh::build(&triangles).with_single_sided(|t| meshes[placed[t].mesh as usize].is_single_sided);
+        Self { placed, bvh, copies }
     }
 
     /// Returns the number of triangles.
@@ -58,9 +60,9 @@ impl Faces {
     }
 
     /// Finds the nearest hits of many rays; both slices have equal length.
-    pub fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.bvh.closest_batch(rays, hits);
-        self.copies.add_hits(rays, hits, self.placed.len());
+    pub fn closest_batch(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.bvh.nearest(kind, rays, hits);
+        self.copies.add_hits(kind, rays, hits, self.placed.len());
     }
 
     /// Tests whether rays hit anything; both slices have equal length.

@@ -42,6 +42,9 @@ impl Scene {
             }
             add_places(&mut hasher, mesh);
             add_mask(&mut hasher, mesh);
+            if mesh.is_single_sided {
+                add(&mut hasher, b"single-sided");
+            }
             add(&mut hasher, &[(mesh.material as u64).to_le_bytes(), own.to_le_bytes()].concat());
         }
         self.materials.iter().for_each(|material| add_material(&mut hasher, material));

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 
-use super::{Hit, Mesh, OFFSET, Ray, Scene, texture::AlphaTexture};
+use super::{Hit, Mesh, OFFSET, Ray, Scene, ray::RayKind, texture::AlphaTexture};
 
 /// Maximum number of masked surfaces that one ray meets. The last one counts as opaque whatever its alpha:
 /// this bounds the time per ray, and few rays pass 255 layers.
@@ -116,29 +116,35 @@ impl RaySegment {
 
 impl Scene {
     /// Replaces hits of opaque faces by nearer hits of masked ones; both slices have equal length.
-    pub(super) fn add_masked_hits(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
+    pub(super) fn add_masked_hits(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>]) {
         let limits = hits.iter().map(|hit| hit.map_or(f32::INFINITY, |hit| hit.t));
         let segments = limits.enumerate().map(|(ray, limit)| RaySegment::new(ray, limit)).collect();
-        self.trace_masked(rays, segments, |ray, hit| hits[ray] = Some(hit));
+        self.trace_masked(kind, rays, segments, |ray, hit| hits[ray] = Some(hit));
     }
 
     /// Marks the rays that masked faces occlude; both slices have equal length.
     pub(super) fn add_masked_occlusion(&self, rays: &[Ray], occluded: &mut [bool]) {
         let open = (0..rays.len()).filter(|&ray| !occluded[ray]);
         let segments = open.map(|ray| RaySegment::new(ray, f32::INFINITY)).collect();
-        self.trace_masked(rays, segments, |ray, _| occluded[ray] = true);
+        self.trace_masked(RayKind::Bounce, rays, segments, |ray, _| occluded[ray] = true);
     }
 
     /// Finds the first opaque hit of a masked face on each segment; calls `found` with the index of
     /// its ray and the hit.
-    fn trace_masked(&self, rays: &[Ray], mut segments: Vec<RaySegment>, mut found: impl FnMut(usize, Hit)) {
+    fn trace_masked(
+        &self,
+        kind: RayKind,
+        rays: &[Ray],
+        mut segments: Vec<RaySegment>,
+        mut found: impl FnMut(usize, Hit),
+    ) {
         let (mut shortened, mut hits) = (Vec::new(), Vec::new());
         for layer in 1..=MOST_LAYERS {
             shortened.clear();
             shortened.extend(segments.iter().map(|segment| segment.of(&rays[segment.ray])));
             hits.clear();
             hits.resize(segments.len(), None);
-            self.masked.closest_batch(&shortened, &mut hits);
+            self.masked.closest_batch(kind, &shortened, &mut hits);
             let mut nearest = hits.iter();
             segments.retain_mut(|segment| {
                 let Some(hit) = nearest.next().copied().flatten() else { return false };

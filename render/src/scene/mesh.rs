@@ -27,6 +27,8 @@ pub struct Mesh {
     pub(super) alphas: Vec<f32>,
     /// The alpha test, if the mesh has both opaque and transparent points.
     pub(super) mask: Option<Mask>,
+    /// Whether cameras do not see its back faces, from which the corners of triangles are clockwise.
+    pub(super) is_single_sided: bool,
     /// Coordinates and tangents for the material's normal map, if it has one.
     pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.
@@ -171,16 +173,20 @@ impl Mesh {
         for n in &mut self.normals {
             *n = normals * *n;
         }
-        let mirrors = transform.matrix3.determinant() < 0.0;
+        // In 64 bits, the product of three small scales does not vanish.
+        let mirrors = transform.matrix3.as_dmat3().determinant() < 0.0;
         for t in self.tangent_space.iter_mut().flat_map(|space| &mut space.tangents) {
             *t = moved_tangent(*t, transform);
         }
         if mirrors {
-            for triangle in &mut self.triangles {
-                triangle.swap(1, 2);
-            }
+            self.turn_over();
         }
         self
+    }
+
+    /// Reverses the windings of all triangles.
+    pub(super) fn turn_over(&mut self) {
+        self.triangles.iter_mut().for_each(|triangle| triangle.swap(1, 2));
     }
 
     /// Returns the vertex positions of all copies in world space.

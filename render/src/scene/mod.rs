@@ -50,8 +50,9 @@ pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
 pub use neural::{NeuralMaterial, NeuralSpec, TangentView};
 pub use normal_map::{NormalMap, TangentSpace};
+pub(crate) use ray::RayKind;
 pub use ray::{Bounds, Hit, Ray};
-pub use texture::{Texture, Wrap};
+pub use texture::{Filter, Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};
 
@@ -83,8 +84,8 @@ pub struct Scene {
     /// The BRDFs that surfaces refer to.
     brdfs: BrdfTable,
     camera: Option<Camera>,
-    /// All cameras of the file with their names.
-    cameras: Vec<(String, Camera)>,
+    /// All cameras of the file with their names, or why they cannot be opened.
+    cameras: Vec<(String, std::result::Result<Camera, String>)>,
     /// Features of the file that are ignored or converted.
     remarks: Vec<Remark>,
     opaque: Faces,
@@ -232,18 +233,19 @@ impl Scene {
     /// Selects the file's camera of that name, or of that number in the file's order.
     ///
     /// # Errors
-    /// [`Error::Argument`] that lists the names if there is no such camera.
+    /// [`Error::Argument`] that lists the names if there is no such camera, or says why it cannot be opened.
     pub fn use_camera(&mut self, name: &str) -> Result<()> {
         let numbered = || self.cameras.get(name.parse::<usize>().ok()?);
         let found = self.cameras.iter().find(|(own, _)| own == name).or_else(numbered);
-        let Some(&(_, camera)) = found else {
+        let Some((_, camera)) = found else {
             let names: Vec<String> =
                 self.camera_names().take(12).map(|name| format!("'{}'", name.escape_debug())).collect();
             let there =
                 if names.is_empty() { "the scene has none".into() } else { format!("there are {}", names.join(", ")) };
             return Err(Error::argument(format!("camera '{name}'"), there));
         };
-        self.camera = Some(camera);
+        let broken = |reason: &String| Error::argument(format!("camera '{name}'"), reason);
+        self.camera = Some(*camera.as_ref().map_err(broken)?);
         Ok(())
     }
 
@@ -257,15 +259,20 @@ impl Scene {
         self.camera.unwrap_or_else(|| Camera::framing(|| self.triangles().flatten().map(Vec3A::from), aspect))
     }
 
-    /// Returns the nearest surface along a ray, as seen from the ray's origin: both normals are on the
-    /// viewer's side.
+    /// Returns the nearest surface along a ray of a camera, as seen from the ray's origin: both normals are on
+    /// the viewer's side. Back faces of single-sided materials of glTF are invisible.
     pub fn intersect(&self, ray: &Ray) -> Option<ShadingPoint> {
+        self.intersect_one(RayKind::Camera, ray)
+    }
+
+    /// [`Self::intersect`] for a ray of a kind.
+    pub(crate) fn intersect_one(&self, kind: RayKind, ray: &Ray) -> Option<ShadingPoint> {
         let mut hits = [None];
-        self.closest_batch(std::slice::from_ref(ray), &mut hits);
+        self.closest_batch(kind, std::slice::from_ref(ray), &mut hits);
         Some(self.surface(ray, &hits[0]?, 0.0))
     }
 
-    /// Intersects many rays: fills a tile with the surfaces hit and appends to `indices` the rays that hit
+    /// Intersects many rays of a camera: fills a tile with the surfaces hit and appends to `indices` the rays that hit
     /// something, in order. `key` returns the key of a ray's shading point; `spread` is the angle in radians
     /// between the rays of neighbouring pixels.
     pub fn intersect_batch(
@@ -276,14 +283,14 @@ impl Scene {
         tile: &mut Tile,
         indices: &mut Vec<usize>,
     ) {
-        self.intersect_and_emit(rays, spread, key, tile, indices, None);
+        self.intersect_and_emit((RayKind::Camera, rays), spread, key, tile, indices, None);
     }
 
-    /// [`Self::intersect_batch`] that also appends the radiance emitted by each surface to `emission`, if
+    /// [`Self::intersect_batch`] for rays of a kind that also appends the radiance emitted by each surface to `emission`, if
     /// given.
     pub(crate) fn intersect_and_emit(
         &self,
-        rays: &[Ray],
+        (kind, rays): (RayKind, &[Ray]),
         spread: f32,
         key: impl Fn(usize) -> u32,
         tile: &mut Tile,
@@ -296,7 +303,7 @@ impl Scene {
         for (chunk, rays) in rays.chunks(CHUNK).enumerate() {
             let mut hits = [None; CHUNK];
             let hits = &mut hits[..rays.len()];
-            self.closest_batch(rays, hits);
+            self.closest_batch(kind, rays, hits);
             if let Some(emission) = &mut emission {
                 emission.extend(hits.iter().flatten().map(|hit| self.emission(hit)));
             }
@@ -326,10 +333,10 @@ impl Scene {
     }
 
     /// Finds the nearest hits of many rays; both slices have equal length.
-    pub(crate) fn closest_batch(&self, rays: &[Ray], hits: &mut [Option<Hit>]) {
-        self.opaque.closest_batch(rays, hits);
+    pub(crate) fn closest_batch(&self, kind: RayKind, rays: &[Ray], hits: &mut [Option<Hit>]) {
+        self.opaque.closest_batch(kind, rays, hits);
         if self.masked.count() > 0 {
-            self.add_masked_hits(rays, hits);
+            self.add_masked_hits(kind, rays, hits);
         }
     }
 

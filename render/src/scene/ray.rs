@@ -24,6 +24,15 @@ impl Ray {
     }
 }
 
+/// Which surfaces rays hit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RayKind {
+    /// Rays of a camera, to which the back faces of single-sided surfaces are invisible.
+    Camera,
+    /// Rays from surfaces, which hit both sides.
+    Bounce,
+}
+
 /// The nearest intersection along a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {

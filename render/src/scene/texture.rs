@@ -1,4 +1,4 @@
-//! Textures of 8-bit texels: sRGB colours interpolated bilinearly in linear light, linear numbers, and alpha.
+//! Textures of 8-bit texels: sRGB colours, interpolated bilinearly in linear light, linear numbers, and alpha.
 
 use std::sync::LazyLock;
 
@@ -40,12 +40,23 @@ impl Wrap {
     }
 }
 
-/// The size of a texture, in texels, and its wrap modes for u and v.
+/// How a value is found between the centres of texels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Filter {
+    /// By bilinear interpolation between four texels.
+    #[default]
+    Bilinear,
+    /// It is that of the texel that contains the point.
+    Nearest,
+}
+
+/// The size of a texture, in texels, its wrap modes for u and v, and its filter.
 #[derive(Clone, Debug, PartialEq)]
 struct Grid {
     width: usize,
     height: usize,
     wrap: [Wrap; 2],
+    filter: Filter,
 }
 
 impl Grid {
@@ -54,28 +65,33 @@ impl Grid {
         if count == 0 || width.checked_mul(height) != Some(count) {
             return Err(Error::argument("texture", format!("{count} texels cannot be {width} x {height}")));
         }
-        Ok(Self { width, height, wrap })
+        Ok(Self { width, height, wrap, filter: Filter::default() })
     }
 
-    /// Interpolates bilinearly between the four texels next to `uv`; `texel` takes their indices.
+    /// Interpolates bilinearly between the four texels next to `uv`, or looks up the nearest; `texel` takes
+    /// their indices.
     fn interpolate<T>(&self, uv: Vec2, texel: impl Fn(usize) -> T, lerp: impl Fn(T, T, f32) -> T) -> T {
-        let x = uv.x * self.width as f32 - 0.5;
-        let y = uv.y * self.height as f32 - 0.5;
-        let (left, top) = (x.floor(), y.floor());
-        let (s, t) = (x - left, y - top);
-        // The conversion saturates, and the bounds keep the additions below from overflowing.
-        let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
         let at = |x: i64, y: i64| {
             let (x, y) = (self.wrap[0].texel(x, self.width), self.wrap[1].texel(y, self.height));
             texel(y * self.width + x)
         };
+        let (x, y) = (uv.x * self.width as f32, uv.y * self.height as f32);
+        if self.filter == Filter::Nearest {
+            return at(x.floor() as i64, y.floor() as i64);
+        }
+        let (x, y) = (x - 0.5, y - 0.5);
+        let (left, top) = (x.floor(), y.floor());
+        let (s, t) = (x - left, y - top);
+        // The conversion saturates, and the bounds keep the additions below from overflowing.
+        let [left, top] = [left, top].map(|i| (i as i64).clamp(-(1 << 60), 1 << 60));
         let row = |y: i64| lerp(at(left, y), at(left + 1, y), s);
         lerp(row(top), row(top + 1), t)
     }
 
-    /// Size and wrap modes as text.
+    /// Size, wrap modes and a filter that is not bilinear, as text.
     fn content(&self) -> String {
-        format!("{} x {} {:?}", self.width, self.height, self.wrap)
+        let filter = if self.filter == Filter::Nearest { " nearest" } else { "" };
+        format!("{} x {} {:?}{filter}", self.width, self.height, self.wrap)
     }
 }
 
@@ -95,8 +111,15 @@ impl Texture {
         Ok(Self { grid: Grid::new(width, height, texels.len(), wrap)?, texels })
     }
 
+    /// Returns the texture with a filter.
+    #[must_use]
+    pub fn with_filter(mut self, filter: Filter) -> Self {
+        self.grid.filter = filter;
+        self
+    }
+
     /// Returns the linear colour of sRGB texels at texture coordinates `uv` (v downwards, texel centres at
-    /// half-integers), interpolated between the four nearest texels.
+    /// half-integers), by the texture's filter.
     pub fn sample(&self, uv: Vec2) -> Vec3A {
         self.interpolate(uv, |code| DECODED[usize::from(code)])
     }
@@ -106,7 +129,7 @@ impl Texture {
         self.interpolate(uv, |code| f32::from(code) / 255.0)
     }
 
-    /// Returns size and wrap modes as text, and the texels.
+    /// Returns size, wrap modes and filter as text, and the texels.
     pub(super) fn content(&self) -> (String, &[u8]) {
         (self.grid.content(), self.texels.as_flattened())
     }
@@ -131,13 +154,13 @@ impl AlphaTexture {
     ///
     /// # Errors
     /// As [`Texture::new`].
-    pub fn new(width: usize, height: usize, texels: Vec<u8>, wrap: [Wrap; 2]) -> Result<Self> {
-        let grid = Grid::new(width, height, texels.len(), wrap)?;
+    pub fn new(width: usize, height: usize, texels: Vec<u8>, wrap: [Wrap; 2], filter: Filter) -> Result<Self> {
+        let grid = Grid { filter, ..Grid::new(width, height, texels.len(), wrap)? };
         let digest = blake3::Hasher::new().update(grid.content().as_bytes()).update(&texels).finalize();
         Ok(Self { grid, texels, digest })
     }
 
-    /// Returns the alpha at texture coordinates `uv`, interpolated as [`Texture::sample_linear`] does.
+    /// Returns the alpha at texture coordinates `uv`, as [`Texture::sample_linear`] does.
     pub fn sample(&self, uv: Vec2) -> f32 {
         // Exact between equal texels, so that an alpha of 1 passes a cutoff of 1.
         self.grid.interpolate(uv, |i| f32::from(self.texels[i]) / 255.0, |a, b, s| a + s * (b - a))
@@ -149,7 +172,7 @@ impl AlphaTexture {
         codes.map(|code| f32::from(code) / 255.0)
     }
 
-    /// Returns the hash of size, wrap modes and texels.
+    /// Returns the hash of size, wrap modes, filter and texels.
     pub fn digest(&self) -> &[u8] {
         self.digest.as_bytes()
     }
@@ -180,11 +203,11 @@ mod tests {
 
     #[test]
     fn alpha_is_interpolated_and_not_decoded() {
-        let texture = AlphaTexture::new(2, 1, vec![51, 255], [Wrap::Clamp; 2]).unwrap();
+        let texture = AlphaTexture::new(2, 1, vec![51, 255], [Wrap::Clamp; 2], Filter::Bilinear).unwrap();
         assert_eq!([0.1, 0.9].map(|u| texture.sample(Vec2::new(u, 0.5))), [0.2, 1.0]);
         assert!((texture.sample(Vec2::splat(0.5)) - 0.6).abs() < 1e-6);
         assert_eq!(texture.range(), [0.2, 1.0]);
-        assert!(AlphaTexture::new(2, 2, vec![0; 3], [Wrap::Clamp; 2]).is_err());
+        assert!(AlphaTexture::new(2, 2, vec![0; 3], [Wrap::Clamp; 2], Filter::Bilinear).is_err());
     }
 
     #[test]
@@ -196,10 +219,30 @@ mod tests {
     }
 
     #[test]
+    fn nearest_texel_contains_the_point_under_every_wrap_mode() {
+        // Texels 0 to 3 along u, as numbers k / 255.
+        let texels = |wrap| Texture::new(4, 1, (0..4).map(|k| [k; 3]).collect(), [wrap; 2]).unwrap();
+        let at = |wrap, u| {
+            let number = texels(wrap).with_filter(Filter::Nearest).sample_linear(Vec2::new(u, 0.7)).x;
+            (number * 255.0).round()
+        };
+        let row = |wrap| [-0.3, -0.1, 0.0, 0.249, 0.25, 0.999, 1.0, 1.3].map(|u| at(wrap, u));
+        assert_eq!(row(Wrap::Repeat), [2.0, 3.0, 0.0, 0.0, 1.0, 3.0, 0.0, 1.0]);
+        assert_eq!(row(Wrap::Mirror), [1.0, 0.0, 0.0, 0.0, 1.0, 3.0, 3.0, 2.0]);
+        assert_eq!(row(Wrap::Clamp), [0.0, 0.0, 0.0, 0.0, 1.0, 3.0, 3.0, 3.0]);
+        let alpha = |u| {
+            let texture = AlphaTexture::new(2, 1, vec![51, 255], [Wrap::Clamp; 2], Filter::Nearest).unwrap();
+            texture.sample(Vec2::new(u, 0.5))
+        };
+        assert_eq!([0.49, 0.51].map(alpha), [0.2, 1.0]);
+    }
+
+    #[test]
     fn huge_coordinates_do_not_panic() {
         for wrap in [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp] {
             for u in [1e30, -1e30, f32::MAX, f32::MIN] {
                 let _ = black_and_white(wrap).sample(Vec2::splat(u));
+                let _ = black_and_white(wrap).with_filter(Filter::Nearest).sample(Vec2::splat(u));
             }
         }
     }

@@ -33,7 +33,7 @@ use self::{
     nearest::GROUP,
     packet::Packet,
 };
-use super::ray::{Hit, Ray};
+use super::ray::{Hit, Ray, RayKind};
 
 /// Children of a node, and triangles of a block: the lanes of an AVX2 register.
 const WIDTH: usize = 8;
@@ -132,8 +132,16 @@ impl Node {
 struct Block {
     /// x, y and z of a corner of each triangle, of the edge from the second corner to the first, of the edge
     /// from the first to the third, and of their cross product; then the triangles' indices, and last the
-    /// planes of the leaf's box and the number of triangles.
+    /// planes of the leaf's box, the number of triangles, and the set of single-sided ones.
     rows: [Row; 14],
+}
+
+impl Block {
+    /// The set of single-sided triangles.
+    #[inline(always)]
+    fn single_sided(&self) -> u32 {
+        self.rows[13][7]
+    }
 }
 
 /// Triangles under a hierarchy.
@@ -145,6 +153,8 @@ pub(super) struct WideBvh {
     shift: u32,
     /// Maximum number of a ray's pending visits, with room for one more node's children.
     stack: usize,
+    /// Whether any triangle is single-sided.
+    has_single_sided: bool,
 }
 
 /// A part of the binary tree that becomes a child of a wide node.
@@ -196,9 +206,25 @@ impl WideBvh {
         wide
     }
 
+    /// Marks the triangles, given by their index, whose back faces are invisible to cameras.
+    pub fn set_single_sided(&mut self, is_single_sided: impl Fn(usize) -> bool) {
+        for block in &mut self.blocks {
+            let lanes = (0..block.rows[13][6]).filter(|&k| is_single_sided(block.rows[12][k as usize] as usize));
+            block.rows[13][7] = lanes.map(|k| 1 << k).sum();
+            self.has_single_sided |= block.single_sided() != 0;
+        }
+    }
+
     /// Finds the nearest hits of at most [`GROUP`] rays: nearly parallel ones as packets, the others singly.
     #[inline(always)]
-    fn nearest_of_group<E: Eight>(&self, simd: E, rays: &[Ray], hits: &mut [Option<Hit>], scratch: &mut Scratch) {
+    fn nearest_of_group<E: Eight>(
+        &self,
+        simd: E,
+        rays: &[Ray],
+        hits: &mut [Option<Hit>],
+        culls: bool,
+        scratch: &mut Scratch,
+    ) {
         if self.nodes.is_empty() {
             hits.fill(None);
             return;
@@ -207,7 +233,7 @@ impl WideBvh {
         for (part, rays) in rays.chunks(WIDTH).enumerate() {
             let places = part * WIDTH..part * WIDTH + rays.len();
             match rays.try_into().ok().and_then(|rays| Packet::new(simd, rays)) {
-                Some(packet) => self.nearest_of_packet(simd, packet, &mut hits[places], &mut scratch.packet),
+                Some(packet) => self.nearest_of_packet(simd, packet, &mut hits[places], culls, &mut scratch.packet),
                 None => {
                     for place in places {
                         others[count] = place as u8;
@@ -217,7 +243,7 @@ impl WideBvh {
             }
         }
         if count > 0 {
-            self.nearest(simd, rays, &others[..count], hits, &mut scratch.nearest);
+            self.nearest(simd, rays, &others[..count], hits, culls, &mut scratch.nearest);
         }
     }
 
@@ -295,7 +321,7 @@ thread_local! {
 
 /// The query for a batch of rays, with a slot for each answer.
 pub(super) enum Question<'a> {
-    Nearest(&'a mut [Option<Hit>]),
+    Nearest(RayKind, &'a mut [Option<Hit>]),
     Occluded(&'a mut [bool]),
 }
 
@@ -323,9 +349,10 @@ impl Traversal<'_> {
     fn answer<E: Eight>(self, simd: E, scratch: &mut Scratch) {
         let Self { bvh, rays, question } = self;
         match question {
-            Question::Nearest(hits) => {
+            Question::Nearest(kind, hits) => {
+                let culls = kind == RayKind::Camera && bvh.has_single_sided;
                 for (rays, hits) in rays.chunks(GROUP).zip(hits.chunks_mut(GROUP)) {
-                    bvh.nearest_of_group(simd, rays, hits, scratch);
+                    bvh.nearest_of_group(simd, rays, hits, culls, scratch);
                 }
             }
             Question::Occluded(occluded) => bvh.occluded(simd, rays, occluded, &mut scratch.shadow),

@@ -84,10 +84,10 @@ fn one_ray_and_a_batch_give_the_same_hits() {
     let rays: Vec<Ray> =
         (0..600).map(|_| Ray::new(5.0 * Vec3A::from(point(&mut random)), random.direction())).collect();
     let mut together = vec![None; rays.len()];
-    copied.closest_batch(&rays, &mut together);
+    copied.closest_batch(RayKind::Camera, &rays, &mut together);
     for (ray, hit) in rays.iter().zip(together) {
         let mut alone = [None];
-        copied.closest_batch(std::slice::from_ref(ray), &mut alone);
+        copied.closest_batch(RayKind::Camera, std::slice::from_ref(ray), &mut alone);
         // Packets of neighbouring rays round in another order.
         assert_eq!(alone[0].map(|hit| hit.triangle), hit.map(|hit| hit.triangle));
     }

@@ -7,7 +7,8 @@ use std::{
 };
 
 use super::{
-    json::{Root, Whole},
+    json::{Buffer, Root, Whole},
+    list::List,
     uri,
 };
 use crate::{
@@ -26,6 +27,9 @@ const MAX_ELEMENTS: u64 = 1 << 26;
 /// Maximum number of JSON objects. Parsed, an empty one takes 100 times the memory of its three bytes of
 /// text.
 const MAX_OBJECTS: usize = 1 << 21;
+
+/// Maximum number of commas between JSON values. Parsed, a digit takes 16 times the memory of its text.
+const MAX_COMMAS: usize = 1 << 26;
 
 /// Extensions that are read, or that change neither light nor geometry.
 const READ: [&str; 9] = [
@@ -65,6 +69,7 @@ pub struct Document {
     buffers: Vec<OnceCell<Vec<u8>>>,
     /// The binary chunk, until its buffer takes it.
     blob: RefCell<Option<Vec<u8>>>,
+    has_chunk: bool,
     bytes_left: Cell<u64>,
     elements_left: Cell<u64>,
     remarks: RefCell<Vec<Remark>>,
@@ -76,8 +81,10 @@ impl Document {
         let bytes_left = Cell::new(MAX_BYTES);
         let bytes = read_file(path, &bytes_left).map_err(|error| Error::io(path, error))?;
         let (json, blob) = split(path, &bytes)?;
-        if json.iter().filter(|&&byte| byte == b'{').count() > MAX_OBJECTS {
-            return Err(Error::invalid(path, "JSON", format!("has more than {MAX_OBJECTS} objects")));
+        for (mark, most, what) in [(b'{', MAX_OBJECTS, "objects"), (b',', MAX_COMMAS, "values")] {
+            if json.iter().filter(|&&byte| byte == mark).count() > most {
+                return Err(Error::invalid(path, "JSON", format!("has more than {most} {what}")));
+            }
         }
         // Some programs write a byte order mark.
         let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
@@ -88,6 +95,7 @@ impl Document {
             path: path.to_owned(),
             root,
             buffers,
+            has_chunk: blob.is_some(),
             blob: RefCell::new(blob),
             bytes_left,
             elements_left: Cell::new(MAX_ELEMENTS),
@@ -126,18 +134,19 @@ impl Document {
     }
 
     /// Looks up an index given in `field`.
-    pub fn get<'a, T>(&self, list: &'a [T], index: Whole, field: &str) -> Result<&'a T> {
-        list.get(index.index()).ok_or_else(|| self.invalid(field, format!("index {} is out of range", index.0)))
+    pub fn get<'a, T>(&self, list: &'a List<T>, index: Whole, field: &str) -> Result<&'a T> {
+        list.find(index.0).map_err(|reason| self.invalid(field, reason))
     }
 
     /// Returns the bytes of a buffer view and their stride, if it has one.
     pub fn view(&self, index: Whole, field: &str) -> Result<(&[u8], Option<usize>)> {
         let view = self.get(&self.root.buffer_views, index, &format!("{field}.bufferView"))?;
         let index = index.0;
-        let cell = self.get(&self.buffers, view.buffer, &format!("bufferViews[{index}].buffer"))?;
+        let own = self.get(&self.root.buffers, view.buffer, &format!("bufferViews[{index}].buffer"))?;
+        let cell = &self.buffers[view.buffer.index()];
         if cell.get().is_none() {
             // Nothing else sets it in between.
-            let _ = cell.set(self.read_buffer(view.buffer.index())?);
+            let _ = cell.set(self.read_buffer(own, view.buffer.index())?);
         }
         let buffer = cell.get().map_or(&[][..], Vec::as_slice);
         let (offset, length) = (view.byte_offset.0, view.byte_length.0);
@@ -186,23 +195,38 @@ impl Document {
         Ok(())
     }
 
+    /// Returns whether an extension is read, or changes neither light nor geometry.
+    pub fn reads_extension(name: &str) -> bool {
+        READ.contains(&name)
+    }
+
     /// Warns of an extension that is not read.
     pub fn warn_of_extension(&self, name: &str) {
-        if !READ.contains(&name) {
+        if !Self::reads_extension(name) {
             self.warn(format!("ignored extension {}", name.escape_debug()));
         }
     }
 
+    /// Returns whether a buffer without a URI is the binary chunk, if there is one.
+    fn is_chunk(&self, index: usize) -> bool {
+        let is_bare = |buffer: Option<&Buffer>| buffer.is_some_and(|buffer| buffer.uri.is_none());
+        self.root.buffers.iter().position(is_bare) == Some(index)
+    }
+
+    /// Returns whether there are bytes for a buffer.
+    pub fn has_bytes(&self, buffer: &Buffer, index: usize) -> bool {
+        buffer.uri.is_some() || (self.has_chunk && self.is_chunk(index))
+    }
+
     /// Reads a buffer; the first one without a URI is the binary chunk.
-    fn read_buffer(&self, index: usize) -> Result<Vec<u8>> {
-        let buffer = &self.root.buffers[index];
+    fn read_buffer(&self, buffer: &Buffer, index: usize) -> Result<Vec<u8>> {
         let field = format!("buffers[{index}]");
         let bytes = match &buffer.uri {
             Some(uri) => self.resolve(uri, &format!("{field}.uri"))?,
             None => self
                 .blob
                 .take()
-                .filter(|_| self.root.buffers.iter().position(|buffer| buffer.uri.is_none()) == Some(index))
+                .filter(|_| self.is_chunk(index))
                 .ok_or_else(|| self.invalid(format!("{field}.uri"), "is missing, and there is no binary chunk"))?,
         };
         if (bytes.len() as u64) < buffer.byte_length.0 {

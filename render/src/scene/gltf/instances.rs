@@ -28,10 +28,13 @@ pub fn read(document: &Document, instances: Vec<Instance>, most_copied: usize) -
     let mut placed: Vec<(Mesh, Vec<DAffine3>)> = Vec::new();
     for instance in instances {
         let is_plain = instance.is_plain();
-        let Instance { mesh, to_world, name, weights, joints } = instance;
+        let Instance { mesh, to_world, name, weights, joints, is_mirrored } = instance;
         let named = |own: &Mesh| Mesh { name: name.clone(), ..own.clone() };
         let Some(shared) = shared.get_mut(&mesh).filter(|_| is_plain) else {
-            let own = read_mesh(document, mesh, weights.as_deref(), &joints)?;
+            let mut own = read_mesh(document, mesh, weights.as_deref(), &joints)?;
+            if is_mirrored {
+                own.iter_mut().for_each(Mesh::turn_over);
+            }
             placed.extend(own.iter().map(|own| (named(own), vec![to_world])));
             continue;
         };

@@ -1,13 +1,15 @@
 //! The part of a glTF document that is read. Optional fields and the notation of numbers are as in the
 //! specification and as in files.
 //!
-//! Other parts (animations, extras, unknown extensions) are skipped unchecked, so that they cannot make a
-//! file unreadable.
+//! Other parts (animations, extras, unknown extensions) are skipped unchecked, and broken elements of lists
+//! are errors only where they are used, so that unused parts cannot make a file unreadable.
 
 use std::collections::HashMap;
 
 use serde::{Deserialize, Deserializer, de};
 use serde_json::Value;
+
+use super::list::{Extensions, List};
 
 /// A whole number, which programs without integers write as `1.0` or `1e3`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -51,21 +53,21 @@ impl<'de> Deserialize<'de> for Whole {
 #[serde(default, rename_all = "camelCase")]
 pub struct Root {
     pub asset: Asset,
-    pub accessors: Vec<Accessor>,
-    pub buffers: Vec<Buffer>,
-    pub buffer_views: Vec<BufferView>,
-    pub cameras: Vec<Camera>,
+    pub accessors: List<Accessor>,
+    pub buffers: List<Buffer>,
+    pub buffer_views: List<BufferView>,
+    pub cameras: List<Camera>,
     pub extensions_required: Vec<String>,
     pub extensions_used: Vec<String>,
-    pub images: Vec<Image>,
-    pub materials: Vec<Material>,
-    pub meshes: Vec<Mesh>,
-    pub nodes: Vec<Node>,
-    pub samplers: Vec<Sampler>,
+    pub images: List<Image>,
+    pub materials: List<Material>,
+    pub meshes: List<Mesh>,
+    pub nodes: List<Node>,
+    pub samplers: List<Sampler>,
     pub scene: Option<Whole>,
-    pub scenes: Vec<Scene>,
-    pub skins: Skins,
-    pub textures: Vec<Texture>,
+    pub scenes: List<Scene>,
+    pub skins: List<Skin>,
+    pub textures: List<Texture>,
 }
 
 #[derive(Default, Deserialize)]
@@ -82,6 +84,8 @@ pub struct Accessor {
     pub byte_offset: Whole,
     pub component_type: Whole,
     pub count: Whole,
+    #[serde(default)]
+    pub extensions: Extensions,
     #[serde(default)]
     pub normalized: bool,
     pub sparse: Option<Sparse>,
@@ -111,6 +115,8 @@ pub struct SparsePart {
 #[serde(rename_all = "camelCase")]
 pub struct Buffer {
     pub byte_length: Whole,
+    #[serde(default)]
+    pub extensions: Extensions,
     pub uri: Option<String>,
 }
 
@@ -122,6 +128,8 @@ pub struct BufferView {
     #[serde(default)]
     pub byte_offset: Whole,
     pub byte_stride: Option<Whole>,
+    #[serde(default)]
+    pub extensions: Extensions,
 }
 
 #[derive(Deserialize)]
@@ -129,8 +137,10 @@ pub struct Camera {
     pub name: Option<String>,
     #[serde(rename = "type")]
     pub kind: String,
-    pub perspective: Option<Perspective>,
-    pub orthographic: Option<Orthographic>,
+    /// A [`Perspective`].
+    pub perspective: Option<Value>,
+    /// An [`Orthographic`].
+    pub orthographic: Option<Value>,
 }
 
 #[derive(Deserialize)]
@@ -139,7 +149,7 @@ pub struct Perspective {
     pub yfov: f32,
 }
 
-/// Half the image's height in the units of the node.
+/// Half the image's height in metres.
 #[derive(Deserialize)]
 pub struct Orthographic {
     pub ymag: f32,
@@ -159,6 +169,7 @@ pub struct Material {
     /// For alpha mode `MASK` only.
     pub alpha_cutoff: Option<f32>,
     pub alpha_mode: Option<String>,
+    pub double_sided: bool,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,
     pub extensions: MaterialExtensions,
@@ -250,6 +261,8 @@ impl Default for TextureTransform {
 
 #[derive(Deserialize)]
 pub struct Mesh {
+    #[serde(default)]
+    pub extensions: Extensions,
     pub name: Option<String>,
     pub primitives: Vec<Primitive>,
     #[serde(default)]
@@ -259,6 +272,8 @@ pub struct Mesh {
 #[derive(Deserialize)]
 pub struct Primitive {
     pub attributes: HashMap<String, Whole>,
+    #[serde(default)]
+    pub extensions: Extensions,
     pub indices: Option<Whole>,
     pub material: Option<Whole>,
     pub mode: Option<Whole>,
@@ -269,7 +284,8 @@ pub struct Primitive {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub struct Node {
-    pub camera: Option<Whole>,
+    /// The index of a camera, checked when the camera is opened.
+    pub camera: Option<Value>,
     pub children: Vec<Whole>,
     pub matrix: Option<[f64; 16]>,
     pub mesh: Option<Whole>,
@@ -300,6 +316,7 @@ pub struct Instancing {
 #[derive(Default, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
 pub struct Sampler {
+    pub mag_filter: Option<Whole>,
     pub wrap_s: Option<Whole>,
     pub wrap_t: Option<Whole>,
 }
@@ -309,19 +326,6 @@ pub struct Sampler {
 pub struct Scene {
     pub name: Option<String>,
     pub nodes: Vec<Whole>,
-}
-
-/// Parsed when a node of the scene has one; empty if they are not a list.
-#[derive(Default)]
-pub struct Skins(pub Vec<Value>);
-
-impl<'de> Deserialize<'de> for Skins {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        match Value::deserialize(deserializer)? {
-            Value::Array(skins) => Ok(Self(skins)),
-            _ => Ok(Self::default()),
-        }
-    }
 }
 
 #[derive(Deserialize)]
@@ -334,7 +338,7 @@ pub struct Skin {
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub struct Texture {
-    pub extensions: HashMap<String, de::IgnoredAny>,
+    pub extensions: Extensions,
     pub sampler: Option<Whole>,
     pub source: Option<Whole>,
 }

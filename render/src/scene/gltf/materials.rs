@@ -17,7 +17,7 @@ use super::{
 use crate::{
     error::Result,
     image::decode_compressed,
-    scene::{Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap, texture::AlphaTexture},
+    scene::{Filter, Material, NormalMap, Texture, TexturedMetallicRoughness, Wrap, texture::AlphaTexture},
 };
 
 /// Maximum number of texels of all textures of a file (768 MiB, and 256 MiB of alpha if all are masks). One
@@ -28,8 +28,9 @@ const MAX_TEXELS: u64 = 1 << 28;
 /// outside `used` are not read.
 pub fn read_all(document: &Document, used: &BTreeSet<usize>, textures: &mut Textures<'_>) -> Result<Vec<Material>> {
     let mut materials = Vec::new();
-    for (i, material) in document.root().materials.iter().enumerate() {
+    for i in 0..document.root().materials.len() {
         materials.push(if used.contains(&i) {
+            let material = document.get(&document.root().materials, Whole(i as u64), "materials")?;
             warn_of_what_is_left_out(document, material);
             read_material(document, material, i, textures)?
         } else {
@@ -161,16 +162,14 @@ impl<'a> Textures<'a> {
         let (document, root) = (self.document, self.document.root());
         let texture = document.get(&root.textures, index, field)?;
         let field = format!("textures[{}]", index.0);
-        let wrap = match texture.sampler {
+        let (wrap, filter) = match texture.sampler {
             Some(sampler) => {
                 let sampler = document.get(&root.samplers, sampler, &format!("{field}.sampler"))?;
-                [wrap(sampler.wrap_s), wrap(sampler.wrap_t)]
+                ([wrap(sampler.wrap_s), wrap(sampler.wrap_t)], filter(sampler.mag_filter))
             }
-            None => [Wrap::Repeat; 2],
+            None => Default::default(),
         };
-        let mut extensions: Vec<String> =
-            texture.extensions.keys().map(|name| name.escape_debug().to_string()).collect();
-        extensions.sort();
+        let extensions: Vec<String> = texture.extensions.0.iter().map(|name| name.escape_debug().to_string()).collect();
         let Some(source) = texture.source else {
             let by = if extensions.is_empty() { String::new() } else { format!(" ({})", extensions.join(", ")) };
             document.warn(format!("ignored textures without a PNG or JPEG image{by}"));
@@ -190,7 +189,7 @@ impl<'a> Textures<'a> {
             (None, Some(uri)) => self.decompress(&document.resolve(uri, &format!("{field}.uri"))?, &field)?,
             (None, None) => return Err(document.invalid(field, "has neither uri nor bufferView")),
         };
-        Ok(Some(Decoded { image, wrap, field }))
+        Ok(Some(Decoded { image, wrap, filter, field }))
     }
 
     /// Decodes a PNG or JPEG file.
@@ -206,6 +205,7 @@ impl<'a> Textures<'a> {
 struct Decoded {
     image: DynamicImage,
     wrap: [Wrap; 2],
+    filter: Filter,
     /// The image's field in the file.
     field: String,
 }
@@ -223,13 +223,21 @@ impl Decoded {
         }
         let (width, height) = self.size();
         let texels = self.image.pixels().map(|(_, _, pixel)| pixel.0[3]).collect();
-        AlphaTexture::new(width, height, texels, self.wrap).map(Some)
+        AlphaTexture::new(width, height, texels, self.wrap, self.filter).map(Some)
     }
 
     fn into_color(self) -> Result<Texture> {
-        let ((width, height), wrap) = (self.size(), self.wrap);
+        let (width, height) = self.size();
         let texels = self.image.into_rgb8().pixels().map(|pixel| pixel.0).collect();
-        Texture::new(width, height, texels, wrap)
+        Texture::new(width, height, texels, self.wrap).map(|texture| texture.with_filter(self.filter))
+    }
+}
+
+/// Textures are not reduced, so that the filter for magnification applies at all distances.
+fn filter(magnified: Option<Whole>) -> Filter {
+    match magnified {
+        Some(Whole(9728)) => Filter::Nearest,
+        _ => Filter::Bilinear,
     }
 }
 

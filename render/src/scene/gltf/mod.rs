@@ -5,17 +5,19 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `json.rs` | the part of a document that is read |
+//! | `json.rs`, `list.rs` | the part of a document that is read; its lists |
 //! | `document.rs`, `uri.rs` | the file with its buffers; where bytes are |
 //! | `accessor.rs` | typed elements of buffers |
-//! | `nodes.rs`, `instances.rs` | the node hierarchy and cameras; placed meshes |
+//! | `nodes.rs`, `cameras.rs`, `instances.rs` | the node hierarchy; cameras; placed meshes |
 //! | `primitive.rs`, `skins.rs` | the triangles of a mesh; vertices moved by joints |
 //! | `materials.rs`, `masks.rs` | materials with textures; alpha masks |
 
 mod accessor;
+mod cameras;
 mod document;
 mod instances;
 mod json;
+mod list;
 mod masks;
 mod materials;
 mod nodes;
@@ -30,11 +32,12 @@ use std::{collections::BTreeSet, path::Path};
 
 use glam::{DAffine3, DVec3, Vec2};
 
-use super::{Material, Mesh, Scene, TexturedMetallicRoughness};
+use super::{Camera, Material, Mesh, Scene, TexturedMetallicRoughness};
 use crate::{
     error::{Error, Result},
     remark::Remark,
 };
+use cameras::PlacedCamera;
 use document::Document;
 use materials::Textures;
 use nodes::Placed;
@@ -84,8 +87,8 @@ impl Scene {
     /// scene far from the origin is moved there.
     ///
     /// # Errors
-    /// When the file or one that it references cannot be read, or a field is not valid glTF. External files
-    /// must lie in the folder of `path` or below.
+    /// When the file or one that it references cannot be read, or a field that the scene uses is not valid
+    /// glTF. External files must lie below the folder of `path` or its parent.
     pub fn load_with(path: &Path, options: &LoadOptions<'_>) -> Result<Self> {
         Self::load_within(path, options, MOST_COPIED)
     }
@@ -109,27 +112,42 @@ impl Scene {
             .map(|(mesh, places)| instances::place(&document, mesh, &places, origin))
             .collect::<Result<_>>()?;
         let (meshes, materials) = with_materials(&document, meshes, options.materials)?;
-        let cameras = cameras
-            .iter()
-            .map(|placed| Ok((placed.name.clone(), placed.open(&document, origin)?)))
-            .collect::<Result<Vec<_>>>()?;
+        let first = default_camera(&document, &cameras, origin);
+        let cameras = cameras.into_iter().map(|placed| (placed.open(origin), placed.name));
+        let cameras = cameras.map(|(camera, name)| (name, camera)).collect();
         let name = path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        let perspective = cameras.iter().find(|(_, camera)| !camera.is_orthographic());
-        let first = perspective.or(cameras.first()).map(|&(_, camera)| camera);
         let scene = Self::new(name, meshes, materials, first)?;
         Ok(Self { cameras, remarks: document.into_remarks(), ..scene })
     }
 }
 
-/// Returns the meshes with their alpha masks, and the materials they refer to: the file's or, if not
+/// Returns the first perspective camera, or else the first one. Warns of each that cannot be opened before
+/// one can.
+fn default_camera(document: &Document, cameras: &[PlacedCamera<'_>], origin: DVec3) -> Option<Camera> {
+    let (perspective, others): (Vec<_>, Vec<_>) = cameras.iter().partition(|camera| camera.is_perspective());
+    perspective.into_iter().chain(others).find_map(|camera| match camera.open(origin) {
+        Ok(camera) => Some(camera),
+        Err(reason) => {
+            document.warn(format!("left out a camera: {reason}"));
+            None
+        }
+    })
+}
+
+/// Returns the meshes with their alpha masks and sidedness, and the materials they refer to: the file's or, if not
 /// `materials`, copies of the default one.
 fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Result<(Vec<Mesh>, Vec<Material>)> {
     let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
     let mut textures = Textures::new(document);
     let masks = masks::read_all(document, &used, &mut textures, materials)?;
-    let masked = |mesh: Mesh| match masks.get(&mesh.material) {
-        Some(mask) => mesh.with_mask(mask.clone()),
-        None => mesh,
+    let own = |mesh: Mesh| {
+        let material = document.root().materials.get(mesh.material);
+        // The default material is single-sided, too.
+        let mesh = Mesh { is_single_sided: !material.is_some_and(|material| material.double_sided), ..mesh };
+        match masks.get(&mesh.material) {
+            Some(mask) => mesh.with_mask(mask.clone()),
+            None => mesh,
+        }
     };
     let materials = if materials {
         meshes.iter().for_each(|mesh| warn_of_missing_texcoords(document, mesh));
@@ -137,7 +155,7 @@ fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Re
     } else {
         vec![default_material(); document.root().materials.len() + 1]
     };
-    Ok((meshes.into_iter().map(masked).collect(), materials))
+    Ok((meshes.into_iter().map(own).collect(), materials))
 }
 
 /// Warns of textures at coordinates that a mesh does not have.

@@ -2,16 +2,16 @@
 
 use std::collections::HashMap;
 
-use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3, Vec2, Vec3A};
+use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::{
     accessor::read_vectors,
+    cameras::PlacedCamera,
     document::Document,
-    in_field,
     json::{Instancing, Node, Whole},
     skins::read_joints,
 };
-use crate::{error::Result, remark::Remark, scene::Camera};
+use crate::{error::Result, remark::Remark};
 
 /// A mesh and its transform to world space.
 pub struct Instance {
@@ -25,11 +25,14 @@ pub struct Instance {
     pub weights: Option<Vec<f32>>,
     /// The transforms of joints, which replace `to_world`; empty without a skin.
     pub joints: Vec<DAffine3>,
+    /// Whether the transform that joints replace mirrors.
+    pub is_mirrored: bool,
 }
 
 impl Instance {
     fn at_origin(mesh: usize) -> Self {
-        Self { mesh, to_world: DAffine3::IDENTITY, name: String::new(), weights: None, joints: Vec::new() }
+        let (to_world, name, joints) = (DAffine3::IDENTITY, String::new(), Vec::new());
+        Self { mesh, to_world, name, weights: None, joints, is_mirrored: false }
     }
 
     /// Returns whether it has neither morph weights of its own nor a skin.
@@ -38,26 +41,17 @@ impl Instance {
     }
 }
 
-/// A camera of the file with its transform.
-pub struct PlacedCamera {
-    /// Index of the camera.
-    pub camera: Whole,
-    /// The node's name, or else the camera's; empty where neither has one.
-    pub name: String,
-    to_world: DAffine3,
-}
-
 /// The meshes and cameras of a scene's nodes, in depth-first order.
 #[derive(Default)]
-pub struct Placed {
+pub struct Placed<'a> {
     /// Meshes with their transforms.
     pub meshes: Vec<Instance>,
     /// Cameras.
-    pub cameras: Vec<PlacedCamera>,
+    pub cameras: Vec<PlacedCamera<'a>>,
 }
 
 /// Walks a scene: the one of that name or number, else the default one, else the first one, else all nodes.
-pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
+pub fn placed<'a>(document: &'a Document, scene: Option<&str>) -> Result<Placed<'a>> {
     let root = document.root();
     let (roots, from) = roots(document, scene)?;
     let mut placed = Placed::default();
@@ -93,17 +87,16 @@ pub fn placed(document: &Document, scene: Option<&str>) -> Result<Placed> {
             place_mesh(document, node, mesh, to_world, &field, &mut placed.meshes)?;
             skinned.extend(node.skin.map(|skin| (first..placed.meshes.len(), skin, field.clone())));
         }
-        if let Some(camera) = node.camera {
-            let own = document.get(&root.cameras, camera, &format!("{field}.camera"))?;
-            let name = node.name.as_ref().or(own.name.as_ref()).cloned().unwrap_or_default();
-            placed.cameras.push(PlacedCamera { camera, name, to_world });
+        if let Some(camera) = &node.camera {
+            placed.cameras.push(PlacedCamera::new(document, node, camera, to_world, &field));
         }
         open.extend(node.children.iter().rev().map(|&child| (child, to_world, format!("{field}.children"))));
     }
     for (instances, skin, field) in skinned {
         let joints = read_joints(document, skin, &globals, &field)?;
         for instance in &mut placed.meshes[instances] {
-            // The specification ignores the node's own transform.
+            // The specification ignores the node's own transform, except for the winding order.
+            instance.is_mirrored = instance.to_world.matrix3.determinant() < 0.0;
             (instance.to_world, instance.joints) = (DAffine3::IDENTITY, joints.clone());
         }
     }
@@ -115,13 +108,12 @@ fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String
     let root = document.root();
     let index = match scene {
         Some(wanted) => {
-            let named = root.scenes.iter().position(|scene| scene.name.as_deref() == Some(wanted));
+            let own_names = || root.scenes.iter().map(|scene| scene?.name.as_deref());
+            let named = own_names().position(|name| name == Some(wanted));
             let numbered = || wanted.parse().ok().filter(|&index: &usize| index < root.scenes.len());
             named.or_else(numbered).ok_or_else(|| {
-                let names: Vec<String> = (root.scenes.iter().enumerate().take(12))
-                    .map(|(k, scene)| {
-                        scene.name.as_ref().map_or(k.to_string(), |name| format!("'{}'", name.escape_debug()))
-                    })
+                let names: Vec<String> = (own_names().enumerate().take(12))
+                    .map(|(k, name)| name.map_or(k.to_string(), |name| format!("'{}'", name.escape_debug())))
                     .collect();
                 document.invalid("scenes", format!("no scene is called '{wanted}'; the file has {}", names.join(", ")))
             })?
@@ -129,7 +121,7 @@ fn roots(document: &Document, scene: Option<&str>) -> Result<(Vec<Whole>, String
         None if root.scenes.is_empty() && root.scene.is_none() => {
             // The specification allows files without scenes: libraries of nodes.
             let mut is_child = vec![false; root.nodes.len()];
-            for child in root.nodes.iter().flat_map(|node| &node.children) {
+            for child in root.nodes.iter().flatten().flat_map(|node| &node.children) {
                 if let Some(is_child) = is_child.get_mut(child.index()) {
                     *is_child = true;
                 }
@@ -160,6 +152,7 @@ fn place_mesh(
         name: name.clone(),
         weights: node.weights.clone(),
         joints: Vec::new(),
+        is_mirrored: false,
     };
     match &node.extensions.instancing {
         None => meshes.push(instance(to_world)),
@@ -225,46 +218,4 @@ fn local_transform(document: &Document, node: &Node, field: &str) -> Result<DAff
     // Values that overflow f32 are rejected, too.
     let is_finite = transform.to_cols_array().iter().all(|&x| (x as f32).is_finite());
     if is_finite { Ok(transform) } else { Err(document.invalid(field, "its transform is not finite")) }
-}
-
-impl PlacedCamera {
-    /// Returns the camera, which looks along the node's -Z, relative to `origin`.
-    pub fn open(&self, document: &Document, origin: DVec3) -> Result<Camera> {
-        let index = self.camera;
-        let camera = document.get(&document.root().cameras, index, "cameras")?;
-        let to_world = (DAffine3::from_translation(-origin) * self.to_world).as_affine3a();
-        let camera = match (camera.kind.as_str(), &camera.perspective, &camera.orthographic) {
-            ("perspective", Some(perspective), _) => perspective_camera(&to_world, perspective.yfov),
-            ("orthographic", _, Some(orthographic)) => {
-                let scale = to_world.matrix3.y_axis.length();
-                Camera::orthographic(rigid(&to_world), orthographic.ymag.abs() * scale)
-            }
-            ("perspective" | "orthographic", ..) => {
-                return Err(document.invalid(format!("cameras[{}]", index.0), "has none of its projection"));
-            }
-            _ => return Err(document.invalid(format!("cameras[{}].type", index.0), "is not a camera type of glTF")),
-        };
-        camera.map_err(|error| in_field(document, &format!("cameras[{}]", index.0), error))
-    }
-}
-
-fn perspective_camera(to_world: &Affine3A, vertical_fov: f32) -> Result<Camera> {
-    let look_from = to_world.translation;
-    let forward = to_world.transform_vector3a(-Vec3A::Z).normalize_or_zero();
-    // Far from the origin of the coordinates, one metre ahead would be rounded away.
-    let look_at = look_from + forward * look_from.abs().max_element().max(1.0);
-    let upright = Camera::new(look_from, look_at, vertical_fov.to_degrees())?;
-    let motion = rigid(to_world);
-    // Rounding to six digits gives a camera without roll one of 0.001 degrees.
-    let is_upright = upright.to_world().matrix3.y_axis.dot(motion.matrix3.y_axis) > 1.0 - 1e-6;
-    if is_upright { Ok(upright) } else { Camera::of_photograph(motion, (0.5 * vertical_fov).tan(), Vec2::ZERO) }
-}
-
-/// Returns the rotation and the translation of a transform.
-fn rigid(to_world: &Affine3A) -> Affine3A {
-    let back = to_world.matrix3.z_axis.normalize_or_zero();
-    let up = to_world.matrix3.y_axis.reject_from_normalized(back).normalize_or_zero();
-    let matrix3 = glam::Mat3A::from_cols(up.cross(back), up, back);
-    // `Camera` checks that this is a rotation.
-    Affine3A { matrix3, translation: to_world.translation }
 }

@@ -22,7 +22,7 @@ const TRIANGLE_FAN: u64 = 6;
 /// Reads the triangles of a mesh in its own coordinates, one mesh per primitive; points and lines are left
 /// out. `weights` are those of morph targets, `joints` the transforms of a skin, if there is one.
 pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>, joints: &[DAffine3]) -> Result<Vec<Mesh>> {
-    let own = &document.root().meshes[index];
+    let own = document.get(&document.root().meshes, Whole(index as u64), "meshes")?;
     let weights = weights.unwrap_or(&own.weights);
     let mut meshes = Vec::new();
     for (i, primitive) in own.primitives.iter().enumerate() {
@@ -31,10 +31,41 @@ pub fn read_mesh(document: &Document, index: usize, weights: Option<&[f32]>, joi
             let reason = format!("has {} morph targets for {} weights", primitive.targets.len(), weights.len());
             return Err(document.invalid(field, reason));
         }
+        if let Some(extension) = extension_with_data(document, own, primitive) {
+            let named =
+                own.name.as_ref().map_or_else(String::new, |name| format!(" of mesh '{}'", name.escape_debug()));
+            let reason =
+                format!("the data{named} are in the extension {}, which is not read", extension.escape_debug());
+            return Err(document.invalid(field, reason));
+        }
         let Some(mesh) = read_primitive(document, primitive, weights, &field)? else { continue };
         meshes.push(if joints.is_empty() { mesh } else { bend(document, primitive, joints, mesh, &field)? });
     }
     Ok(meshes)
+}
+
+/// Returns the extension that has data of a primitive for which the file has no other source. Accessors
+/// without data are otherwise zeros.
+fn extension_with_data<'a>(document: &'a Document, mesh: &'a json::Mesh, primitive: &'a Primitive) -> Option<&'a str> {
+    let root = document.root();
+    let of_accessor = |index: &Whole| {
+        let accessor = root.accessors.get(index.index())?;
+        let places = match accessor.buffer_view {
+            Some(view) => {
+                let view = root.buffer_views.get(view.index())?;
+                let buffer = root.buffers.get(view.buffer.index())?;
+                let has_bytes = document.has_bytes(buffer, view.buffer.index());
+                (!has_bytes).then_some([&view.extensions, &buffer.extensions, &accessor.extensions])
+            }
+            None => {
+                let is_bare = accessor.sparse.is_none();
+                is_bare.then_some([&primitive.extensions, &mesh.extensions, &accessor.extensions])
+            }
+        };
+        let mut names = places?.into_iter().flat_map(|extensions| &extensions.0);
+        names.find(|name| !Document::reads_extension(name)).map(String::as_str)
+    };
+    primitive.attributes.values().chain(&primitive.indices).filter_map(of_accessor).min()
 }
 
 /// Reads a primitive in the coordinates of its mesh; `None` if it has no triangles.

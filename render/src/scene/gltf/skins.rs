@@ -1,7 +1,6 @@
 //! Skins: vertices that follow the nodes of a skeleton, in their pose without animations.
 
 use glam::{Affine3A, DAffine3, DMat3, DMat4};
-use serde::Deserialize;
 
 use super::{
     accessor::read_vectors,
@@ -25,10 +24,9 @@ pub fn read_joints(
     globals: &[Option<DAffine3>],
     field: &str,
 ) -> Result<Vec<DAffine3>> {
-    let own = document.get(&document.root().skins.0, skin, &format!("{field}.skin"))?;
+    let own = document.get(&document.root().skins, skin, &format!("{field}.skin"))?;
+    let Skin { joints, inverse_bind_matrices } = own;
     let field = format!("skins[{}]", skin.0);
-    let Skin { joints, inverse_bind_matrices } =
-        Skin::deserialize(own).map_err(|error| document.invalid(field.as_str(), format!("is not a skin: {error}")))?;
     let place = format!("{field}.inverseBindMatrices");
     let matrices = inverse_bind_matrices.map(|accessor| read_vectors::<16>(document, accessor, &place)).transpose()?;
     if matrices.as_ref().is_some_and(|matrices| matrices.len() < joints.len()) {

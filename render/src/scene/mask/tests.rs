@@ -5,7 +5,7 @@ use glam::{DVec3, Vec3};
 use super::*;
 use crate::{
     random::{Purpose, Stream},
-    scene::{Material, Wrap},
+    scene::{Filter, Material, Wrap},
 };
 
 /// A parallelogram of two triangles; texture coordinates are 0 to 1 along both edges.
@@ -17,7 +17,9 @@ fn sheet(corner: Vec3, [a, b]: [Vec3; 2]) -> Mesh {
 
 /// The mask of a texture with `columns` texels in a row.
 fn mask(columns: usize, alphas: &[u8]) -> Mask {
-    let texture = AlphaTexture::new(columns, alphas.len() / columns, alphas.to_vec(), [Wrap::Clamp; 2]).unwrap();
+    let texture =
+        AlphaTexture::new(columns, alphas.len() / columns, alphas.to_vec(), [Wrap::Clamp; 2], Filter::default())
+            .unwrap();
     Mask { cutoff: 0.5, factor: 1.0, texture: Some(Arc::new(texture)) }
 }
 
@@ -54,7 +56,7 @@ fn rays(count: usize, random: &mut Stream) -> Vec<Ray> {
 
 fn closest(scene: &Scene, rays: &[Ray]) -> Vec<Option<Hit>> {
     let mut hits = vec![None; rays.len()];
-    scene.closest_batch(rays, &mut hits);
+    scene.closest_batch(RayKind::Camera, rays, &mut hits);
     hits
 }
 

@@ -66,7 +66,8 @@ impl Turn {
 }
 
 impl WideBvh {
-    /// Finds the nearest hits of the rays numbered in `which`, at most [`GROUP`].
+    /// Finds the nearest hits of the rays numbered in `which`, at most [`GROUP`]; if it `culls`, without the
+    /// back faces of single-sided triangles.
     #[inline(always)]
     pub fn nearest<E: Eight>(
         &self,
@@ -74,6 +75,7 @@ impl WideBvh {
         rays: &[Ray],
         which: &[u8],
         hits: &mut [Option<Hit>],
+        culls: bool,
         scratch: &mut Scratch,
     ) {
         let room = self.stack * GROUP;
@@ -87,7 +89,7 @@ impl WideBvh {
             scratch.probes.push(Probe::new(&rays[ray as usize]));
             scratch.ways.push(Way::START);
         }
-        self.follow(simd, scratch);
+        self.follow(simd, culls, scratch);
         for (&ray, way) in which.iter().zip(&scratch.ways) {
             hits[ray as usize] = way.hit();
         }
@@ -95,7 +97,7 @@ impl WideBvh {
 
     /// Steps all rays until they have nothing left to visit.
     #[inline(always)]
-    fn follow<E: Eight>(&self, simd: E, scratch: &mut Scratch) {
+    fn follow<E: Eight>(&self, simd: E, culls: bool, scratch: &mut Scratch) {
         let Scratch { probes, ways, children, enters } = scratch;
         let mut turns = [Turn::NONE; 4];
         let [at_nodes, at_leaves, nodes, leaves] = &mut turns;
@@ -127,11 +129,14 @@ impl WideBvh {
             for &ray in leaves.rays.iter().take(leaves.len) {
                 let (way, probe) = (&mut ways[ray as usize], &probes[ray as usize]);
                 let block = &self.blocks[Child(way.child).index(self.shift)];
-                let ([t, u, v], met) = probe.meet(simd, block);
+                let ([t, u, v], met, back) = probe.meet(simd, block);
                 // No hit is nearer than the entry into its box, so that hits do not depend on the order of
                 // visits.
                 let t = simd.max(t, simd.splat(way.enters));
                 let mut found = simd.signs(met) & simd.signs(simd.at_most(t, simd.splat(way.t)));
+                if culls {
+                    found &= !(simd.signs(back) & block.single_sided());
+                }
                 if found != 0 {
                     let (t, u, v): (Lanes, Lanes, Lanes) =
                         (bytemuck::cast(simd.store(t)), bytemuck::cast(simd.store(u)), bytemuck::cast(simd.store(v)));

@@ -122,9 +122,10 @@ impl<E: Eight> Packet<E> {
         (enters, simd.at_most(enters, leaves))
     }
 
-    /// Looks for nearer hits among the triangles of a leaf.
+    /// Looks for nearer hits among the triangles of a leaf; if it `culls`, without the back faces of
+    /// single-sided triangles.
     #[inline(always)]
-    fn visit(&mut self, simd: E, block: &Block) {
+    fn visit(&mut self, simd: E, block: &Block, culls: bool) {
         let planes = &block.rows[13];
         let (mut enters, mut leaves) = (simd.splat(0.0), simd.splat(f32::INFINITY));
         for axis in 0..3 {
@@ -139,7 +140,7 @@ impl<E: Eight> Packet<E> {
             return;
         }
         for k in 0..block.rows[13][6] as usize {
-            let ([t, u, v], met) = meet(
+            let ([t, u, v], mut met, back) = meet(
                 simd,
                 corner(simd, block, 0, k),
                 corner(simd, block, 3, k),
@@ -148,6 +149,9 @@ impl<E: Eight> Packet<E> {
                 self.origin,
                 self.direction,
             );
+            if culls && block.single_sided() >> k & 1 == 1 {
+                met = simd.select(back, simd.splat(0.0), met);
+            }
             let t = simd.max(t, enters);
             let met = simd.both(simd.both(met, inside), simd.at_most(t, self.t));
             let set = simd.signs(met);
@@ -187,13 +191,14 @@ fn corner<E: Eight>(simd: E, block: &Block, row: usize, k: usize) -> [E::Floats;
 }
 
 impl WideBvh {
-    /// Finds the nearest hits of a packet.
+    /// Finds the nearest hits of a packet, as [`Self::nearest`].
     #[inline(always)]
     pub fn nearest_of_packet<E: Eight>(
         &self,
         simd: E,
         mut packet: Packet<E>,
         hits: &mut [Option<Hit>],
+        culls: bool,
         scratch: &mut Scratch,
     ) {
         let Scratch { children, enters } = scratch;
@@ -213,7 +218,7 @@ impl WideBvh {
             }
             let child = Child(children[top]);
             if child.is_leaf() {
-                packet.visit(simd, &self.blocks[child.index(self.shift)]);
+                packet.visit(simd, &self.blocks[child.index(self.shift)], culls);
                 limit = range(&bytemuck::cast(simd.store(packet.t))).1;
                 continue;
             }

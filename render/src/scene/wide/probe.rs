@@ -58,10 +58,10 @@ impl Probe {
         (simd.min(low, high), simd.max(low, high))
     }
 
-    /// Returns the distances of a block's triangles along the ray, their barycentric weights, and the sign of
-    /// each that the ray meets.
+    /// Returns the distances of a block's triangles along the ray, their barycentric weights, the sign of each
+    /// that the ray meets, and the sign of each whose back the ray goes towards.
     #[inline(always)]
-    pub fn meet<E: Eight>(&self, simd: E, block: &Block) -> ([E::Floats; 3], E::Floats) {
+    pub fn meet<E: Eight>(&self, simd: E, block: &Block) -> ([E::Floats; 3], E::Floats, E::Floats) {
         meet(
             simd,
             vectors(simd, block, 0),
@@ -74,9 +74,9 @@ impl Probe {
     }
 }
 
-/// Returns the distances of triangles along rays, their barycentric weights, and the sign of each that is
-/// met. A triangle is given as a corner, two edges and their cross product, and a ray as its origin and
-/// direction.
+/// Returns the distances of triangles along rays, their barycentric weights, the sign of each that is met,
+/// and the sign of each whose corners are clockwise along the ray. A triangle is given as a corner, two edges
+/// and their cross product, and a ray as its origin and direction.
 #[inline(always)]
 pub fn meet<E: Eight>(
     simd: E,
@@ -86,7 +86,7 @@ pub fn meet<E: Eight>(
     normal: [E::Floats; 3],
     o: [E::Floats; 3],
     d: [E::Floats; 3],
-) -> ([E::Floats; 3], E::Floats) {
+) -> ([E::Floats; 3], E::Floats, E::Floats) {
     let c = [simd.sub(corner[0], o[0]), simd.sub(corner[1], o[1]), simd.sub(corner[2], o[2])];
     let r = [
         simd.sub(simd.mul(d[1], c[2]), simd.mul(d[2], c[1])),
@@ -101,7 +101,8 @@ pub fn meet<E: Eight>(
     let w = simd.sub(simd.sub(one, u), v);
     // For a ray in a triangle's plane, w is NaN or negative; it comes last, so that the minimum is NaN, too.
     let least = simd.min(simd.min(simd.min(u, v), t), w);
-    ([t, u, v], simd.at_most(simd.splat(0.0), least))
+    // The cross product of these edges is opposite to the normal on the front.
+    ([t, u, v], simd.at_most(simd.splat(0.0), least), inverse)
 }
 
 /// Loads eight vectors of a block: x from `row`, y and z from the next two.

@@ -97,7 +97,7 @@ impl WideBvh {
         loop {
             for &leaf in leaves.0.iter().take(leaves_left) {
                 let ray = (leaf & numbers) as usize % RAYS;
-                let (_, met) = probes[ray].meet(simd, &self.blocks[Child(leaf).index(self.shift)]);
+                let (_, met, _) = probes[ray].meet(simd, &self.blocks[Child(leaf).index(self.shift)]);
                 open[ray] &= if simd.signs(met) == 0 { ALL } else { 0 };
             }
             if nodes_left == 0 {

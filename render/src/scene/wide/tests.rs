@@ -35,7 +35,7 @@ fn rays(random: &mut Stream) -> Vec<Ray> {
 
 fn nearest(bvh: &WideBvh, rays: &[Ray]) -> Vec<Option<Hit>> {
     let mut hits = vec![None; rays.len()];
-    Traversal { bvh, rays, question: Question::Nearest(&mut hits) }.run();
+    Traversal { bvh, rays, question: Question::Nearest(RayKind::Camera, &mut hits) }.run();
     hits
 }
 
@@ -75,7 +75,7 @@ fn portable_and_simd_traversals_agree() {
     let bvh = &WideBvh::new(&tree, &triangles);
     let mut scratch = Scratch::default();
     let (mut hits, mut is_hit) = (vec![None; rays.len()], vec![false; rays.len()]);
-    Traversal { bvh, rays: &rays, question: Question::Nearest(&mut hits) }.answer(Plain, &mut scratch);
+    Traversal { bvh, rays: &rays, question: Question::Nearest(RayKind::Camera, &mut hits) }.answer(Plain, &mut scratch);
     Traversal { bvh, rays: &rays, question: Question::Occluded(&mut is_hit) }.answer(Plain, &mut scratch);
     assert_eq!(hits, nearest(bvh, &rays));
     assert_eq!(is_hit, occluded(bvh, &rays));

@@ -69,7 +69,27 @@ fn textures_come_from_views_data_and_files() {
     let path = folder.path().join("scene.gltf");
     std::fs::write(&path, json.to_string()).unwrap();
     assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
-    std::fs::remove_file(folder.path().join("base color.png")).unwrap();
+
+    // Both in the folder beside the file's, as projects share them.
+    let inner = folder.path().join("chair");
+    std::fs::create_dir(&inner).unwrap();
+    std::fs::rename(folder.path().join("base color.png"), folder.path().join("wood é.png")).unwrap();
+    for uri in ["./../chair/../wood%20%C3%A9.png", "../wood é.png"] {
+        set(&mut json, "/buffers/0/uri", json!("../buffer.bin"));
+        set(&mut json, "/images/0/uri", json!(uri));
+        let path = inner.join("scene.gltf");
+        std::fs::write(&path, json.to_string()).unwrap();
+        assert_eq!(color_at(&Scene::load(&path).unwrap(), 0.1, 0.1), Vec3A::X);
+    }
+    set(&mut json, "/images/0/uri", json!("../../wood.png"));
+    let path = inner.join("scene.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
+    assert_fails(Scene::load(&path), "images[0].uri: '../../wood.png' is outside of the parent of the file's folder");
+
+    set(&mut json, "/buffers/0/uri", json!("buffer.bin"));
+    set(&mut json, "/images/0/uri", json!("base%20color.png"));
+    let path = folder.path().join("scene.gltf");
+    std::fs::write(&path, json.to_string()).unwrap();
     assert_fails(Scene::load(&path), "images[0].uri: cannot read 'base%20color.png'");
 }
 
@@ -101,6 +121,46 @@ fn metalness_is_blue_and_roughness_green() {
     // A missing texture.
     set(&mut json, "/materials/0/pbrMetallicRoughness/metallicRoughnessTexture/index", json!(3));
     assert_fails(load(&json, &bin), "metallicRoughnessTexture.index");
+}
+
+#[test]
+fn each_texture_has_the_filter_of_its_own_sampler() {
+    let (mut json, bin) = textured(&json!({"bufferView": 2}));
+    let clamp = json!({"wrapS": 33071, "wrapT": 33071});
+    let nearest = json!({"magFilter": 9728, "wrapS": 33071, "wrapT": 33071});
+    set(&mut json, "/samplers", json!([clamp, nearest]));
+    set(&mut json, "/textures", json!([{"source": 0, "sampler": 0}, {"source": 0, "sampler": 1}]));
+    // Texels are red, green, blue and white; the point is in the blue one, near the three others.
+    let (x, y) = (0.35, 0.55);
+    let used = ["baseColorTexture", "metallicRoughnessTexture"];
+    let mut seen = |filters: [usize; 3]| {
+        let [color, roughness, others] = filters.map(|index| json!({"index": index}));
+        let pbr = json!({used[0]: color, used[1]: roughness});
+        let material = json!({"pbrMetallicRoughness": pbr, "normalTexture": others, "emissiveTexture": others,
+            "emissiveFactor": [1, 1, 1]});
+        set(&mut json, "/materials/0", material);
+        let scene = load(&json, &bin).unwrap();
+        let ray = Ray::new(Vec3A::new(x, y, 1.0), -Vec3A::Z);
+        let (mut emission, mut tile) = (Vec::new(), crate::tile::Tile::default());
+        let rays = (crate::scene::RayKind::Camera, &[ray][..]);
+        scene.intersect_and_emit(rays, 0.0, |_| 0, &mut tile, &mut Vec::new(), Some(&mut emission));
+        let surface = surface_at(&scene, x, y);
+        let roughness = [surface.metallic(), surface.roughness()];
+        (Vec3A::from(surface.base_color()), roughness, scene.intersect(&ray).unwrap().ns, emission[0])
+    };
+    // Centres are at 0.25 and 0.75: the weights along u are 0.8 and 0.2, those along v 0.4 and 0.6.
+    let [red, green, blue, white] = [0.32, 0.08, 0.48, 0.12];
+    let mixed = Vec3A::new(red + white, green + white, blue + white);
+    let bilinear = seen([0, 0, 0]);
+    assert!((bilinear.0 - mixed).abs().max_element() < 1e-6 && (bilinear.3 - mixed).abs().max_element() < 1e-6);
+    assert!((bilinear.1[0] - mixed.z).abs() < 1e-6 && (bilinear.1[1] - mixed.y).abs() < 1e-6);
+    assert_eq!(seen([1, 0, 0]).0, Vec3A::Z);
+    assert_eq!(seen([0, 1, 0]).1, [1.0, 0.0]);
+    let nearest = seen([0, 0, 1]);
+    assert_eq!((nearest.0, nearest.1, nearest.3), (bilinear.0, bilinear.1, Vec3A::Z));
+    // Blue is -1 along u, which is +x, -1 against v, which is +y, and 1 along the normal.
+    let expected = Vec3A::new(-1.0, 1.0, 1.0).normalize();
+    assert!(nearest.2.distance(expected) < 1e-6 && bilinear.2.distance(expected) > 0.1, "{nearest:?} {bilinear:?}");
 }
 
 #[test]

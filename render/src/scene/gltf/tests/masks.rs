@@ -31,7 +31,8 @@ pub(super) fn square(alphas: [u8; 4]) -> (Value, Vec<u8>) {
     // A strip of two triangles.
     set(&mut json, "/meshes/0/primitives/0", json!({"attributes": attributes, "mode": 5, "material": 0}));
     let pbr = json!({"baseColorTexture": {"index": 0}});
-    set(&mut json, "/materials/0", json!({"alphaMode": "MASK", "pbrMetallicRoughness": pbr}));
+    let material = json!({"alphaMode": "MASK", "doubleSided": true, "pbrMetallicRoughness": pbr});
+    set(&mut json, "/materials/0", material);
     set(&mut json, "/textures", json!([{"source": 0, "sampler": 0}]));
     set(&mut json, "/samplers", json!([{"wrapS": 33071, "wrapT": 33071}]));
     let uri = format!("data:image/png;base64,{}", STANDARD.encode(png(alphas)));
@@ -101,6 +102,24 @@ fn alpha_is_linear_and_opaque_from_the_cutoff_on() {
         set(&mut json, "/materials/0/alphaCutoff", json!(cutoff));
         assert_eq!(with(&json), expected, "{cutoff}");
     }
+}
+
+#[test]
+fn nearest_texel_decides_where_the_sampler_asks_for_it() {
+    // Half-way between texels, interpolated alpha crosses the cutoff; with NEAREST, the border is there.
+    let (mut json, bin) = square([255, 100, 255, 100]);
+    let is_opaque = |json: &Value, x: f32| {
+        let ray = Ray::new(Vec3A::new(x, 0.4, 1.0), -Vec3A::Z);
+        load(json, &bin).unwrap().intersect(&ray).is_some()
+    };
+    // Between the centres of texels, alpha is 1 - 0.608 (2 x - 0.5), which is 0.5 at x = 0.661.
+    let near_the_border = [0.49, 0.51, 0.65, 0.67];
+    assert_eq!(near_the_border.map(|x| is_opaque(&json, x)), [true, true, true, false]);
+    set(&mut json, "/samplers/0/magFilter", json!(9728));
+    assert_eq!(near_the_border.map(|x| is_opaque(&json, x)), [true, false, false, false]);
+    // A filter for reduction alone changes nothing.
+    set(&mut json, "/samplers/0", json!({"minFilter": 9728, "wrapS": 33071, "wrapT": 33071}));
+    assert_eq!(near_the_border.map(|x| is_opaque(&json, x)), [true, true, true, false]);
 }
 
 #[test]

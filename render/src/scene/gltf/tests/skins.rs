@@ -53,7 +53,7 @@ fn broken_skins_are_refused_by_name() {
         ("/nodes/0/skin", json!(1), "skin"),
         ("/skins/0/joints", json!([2, 9]), "skins[0].joints[1]"),
         ("/skins/0/joints", json!([2]), "JOINTS_0"),
-        ("/skins/0", json!(3), "is not a skin"),
+        ("/skins/0", json!(3), "nodes[0].skin: element 0 cannot be read"),
         ("/skins/0/inverseBindMatrices", json!(0), "MAT4"),
         ("/scenes/0/nodes", json!([0]), "is not a node of the scene"),
         ("/meshes/0/primitives/0/attributes/WEIGHTS_0", json!(0), "VEC4"),
