@@ -8,11 +8,11 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
-use headtail_render::{image::write_exr, memory, spec::SamplerSpec};
-use running::RunningComparison;
+use headtail_render::{file, image::write_exr, memory, spec::SamplerSpec};
+use running::{RunningComparison, picture_names};
 use samplers::SamplerList;
 
 use crate::terminal::{self, say};
@@ -124,20 +124,27 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let budgets = budgets(arguments)?;
     let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
     check_different("--samplers", specs.iter().map(ToString::to_string))?;
+    let files: Vec<Option<PathBuf>> = specs.iter().map(|spec| spec.path().map(|(_, file)| file.to_owned())).collect();
+    output.plan(&picture_names(&specs, &files, &budgets))?;
+    if arguments.reference.is_none() {
+        output.plan(&["reference.exr".into()])?;
+    }
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     // The reference and its halves; for each sampler and budget, the first picture and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
     let stop = progress::stop_flag()?;
     let mut entries = Vec::new();
     let mut preparation = Vec::new();
-    let files: Vec<Option<PathBuf>> = specs.iter().map(|spec| spec.path().map(|(_, file)| file.to_owned())).collect();
     for spec in specs {
         let (entry, prepared) = prepare(spec, &opened, &budgets, &stop)?;
         entries.push(entry);
         preparation.push(prepared);
     }
-    let inputs = files.iter().flatten().map(PathBuf::as_path).chain(arguments.reference.as_deref());
-    output.begin(&inputs.collect::<Vec<_>>())?;
+    if let Some(file) = &arguments.reference {
+        // An input that `begin` keeps.
+        file::open_regular(file).with_context(|| file.display().to_string())?;
+    }
+    output.begin()?;
     let mut reference = obtain_reference(arguments, &opened, output, &stop)?;
     let plan = Plan {
         scene: opened.scene_name(),

@@ -50,7 +50,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let output =
         OutputFolder::take(&arguments.out, &["head.safetensors", "direct.safetensors", "results.csv", "report.html"])?;
     let environment = open_environment(&arguments.env)?;
-    output.begin(&[])?;
+    output.begin()?;
 
     say!("1. Train a cosine head for the environment '{}'.", environment.name());
     let stop = progress::stop_flag()?;

@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let shader = Shader::new(&arrays)?;
     let source = shader.translate(target)?;
-    output.begin(&[])?;
+    output.begin()?;
     let bytes = |numbers: &[u32]| numbers.iter().flat_map(|number| number.to_le_bytes()).collect::<Vec<u8>>();
     let floats: Vec<u32> = shader.floats.iter().map(|number| number.to_bits()).collect();
     let files = [

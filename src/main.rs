@@ -100,6 +100,7 @@ fn main() -> ExitCode {
         Err(error) => return ExitCode::from(terminal::usage(&error)),
     };
     output::force(force);
+    output::watch();
     // Checked first, since dispatched work cannot report an invalid HEADTAIL_SIMD.
     let done = voice
         .begin()

@@ -7,11 +7,13 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `output/file.rs` | single files |
+//! | `output/inputs.rs` | no output is an input |
 //! | `output/record.rs` | the record of a folder |
 //! | `output/claim.rs` | exclusion on file systems without locks |
 
 mod claim;
 mod file;
+mod inputs;
 mod record;
 
 use std::{
@@ -30,6 +32,8 @@ use anyhow::{Context, Result, bail};
 use crate::terminal::warning;
 pub use claim::Claim;
 pub use file::OutputFile;
+use inputs::Planned;
+pub use inputs::{check_output, watch};
 use record::{Entry, RECORD};
 
 static FORCE: AtomicBool = AtomicBool::new(false);
@@ -59,6 +63,10 @@ pub struct OutputFolder {
     /// Identifies this command, see [`request_of`].
     request: String,
     results: Vec<String>,
+    /// Files that will be replaced and were not yet begun.
+    planned: Mutex<Vec<(String, Planned)>>,
+    /// Names of files that this process writes.
+    begun: Mutex<Vec<String>>,
     was_made: bool,
 }
 
@@ -67,8 +75,8 @@ impl OutputFolder {
     /// there.
     ///
     /// # Errors
-    /// If it cannot be written to, if another process writes there, or if it holds results of another command
-    /// and `--force` was not given.
+    /// If it cannot be written to, if another process writes there, if one of `results` is an input, or if the
+    /// folder holds results of another command and `--force` was not given.
     pub fn take(path: &Path, results: &[&str]) -> Result<Self> {
         Self::take_for(path, results, request())
     }
@@ -81,6 +89,7 @@ impl OutputFolder {
     pub fn take_for(path: &Path, results: &[&str], request: String) -> Result<Self> {
         let mut folder = Self::take_any(path)?;
         folder.results = results.iter().map(|&name| name.to_owned()).collect();
+        folder.plan(&folder.results)?;
         folder.request = request;
         let is_ours = |name: &str| {
             let known = folder.known.lock().unwrap_or_else(PoisonError::into_inner);
@@ -90,12 +99,22 @@ impl OutputFolder {
         };
         let other = results.iter().find(|name| path.join(name).exists() && !is_ours(name));
         match other {
-            Some(name) if !FORCE.load(Ordering::Relaxed) => bail!(
-                "{}: there is {name} of another command; name another folder, or replace it by --force",
-                path.display()
-            ),
+            Some(name) if !FORCE.load(Ordering::Relaxed) => {
+                bail!("{}: there is {name} of another command; {}", path.display(), inputs::advice(&path.join(name)))
+            }
             _ => Ok(folder),
         }
+    }
+
+    /// Rejects inputs that are these files of the folder, which this command may write.
+    ///
+    /// # Errors
+    /// If one of them is already open.
+    pub fn plan(&self, names: &[String]) -> Result<()> {
+        let planned = names.iter().map(|name| Ok((name.clone(), Planned::new(&self.path.join(name))?)));
+        let planned: Vec<_> = planned.collect::<Result<_>>()?;
+        self.planned.lock().unwrap_or_else(PoisonError::into_inner).extend(planned);
+        Ok(())
     }
 
     /// Takes a folder regardless of its contents.
@@ -111,28 +130,28 @@ impl OutputFolder {
         let lock = record::lock(path).with_context(cannot)?;
         let Some(record) = lock else { bail!("{}: another headtail is writing there", path.display()) };
         let known = Mutex::new(record::entries(&record));
-        Ok(Self { path: path.to_owned(), record, known, request: request(), results: Vec::new(), was_made })
+        let (request, results) = (request(), Vec::new());
+        let (planned, begun) = (Mutex::default(), Mutex::default());
+        Ok(Self { path: path.to_owned(), record, known, request, results, planned, begun, was_made })
     }
 
-    /// Begins to write: removes all files of the commands whose results are replaced, except those in
-    /// `inputs`.
+    /// Begins to write: removes all files of the commands whose results are replaced, except the inputs that
+    /// are open; all inputs must be.
     ///
     /// # Errors
     /// If a file cannot be removed or the record cannot be written.
-    pub fn begin(&self, inputs: &[&Path]) -> Result<()> {
+    pub fn begin(&self) -> Result<()> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let others = known.iter().filter(|entry| entry.request != self.request && self.results.contains(&entry.name));
         let replaced: Vec<String> = others.map(|entry| entry.request.clone()).collect();
-        let inputs: Vec<PathBuf> = inputs.iter().filter_map(|input| input.canonicalize().ok()).collect();
         let (old, kept): (Vec<_>, Vec<_>) = known.drain(..).partition(|entry| replaced.contains(&entry.request));
         *known = kept;
         for Entry { name, .. } in &old {
             let file = self.path.join(name);
             // Plain names only, so that a foreign record cannot lead out of the folder.
             let is_name = Path::new(name).file_name().is_some_and(|only| only == name.as_str());
-            let is_input = file.canonicalize().is_ok_and(|file| inputs.contains(&file));
             if is_name
-                && !is_input
+                && !inputs::is_input(&file)
                 && let Err(error) = fs::remove_file(&file)
                 && error.kind() != ErrorKind::NotFound
             {
@@ -145,9 +164,16 @@ impl OutputFolder {
     /// Returns the path of a result and adds it to the record.
     ///
     /// # Errors
-    /// If the record cannot be written.
+    /// If the file is an input, or the record cannot be written.
     pub fn file(&self, name: &str) -> Result<PathBuf> {
         let path = self.path.join(name);
+        let mut begun = self.begun.lock().unwrap_or_else(PoisonError::into_inner);
+        if !begun.iter().any(|known| known == name) {
+            check_output(&path)?;
+            begun.push(name.to_owned());
+            // From now on, this process may read its own result.
+            self.planned.lock().unwrap_or_else(PoisonError::into_inner).retain(|(planned, _)| planned != name);
+        }
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let entry = Entry { request: self.request.clone(), digest: None, name: name.to_owned() };
         if record::latest(&known, name) != Some(&entry) {
@@ -337,7 +363,10 @@ mod tests {
         // As with `--force`.
         let mut folder = OutputFolder::take_any(&inner).unwrap();
         folder.results.push("table.csv".into());
-        folder.begin(&[&inner.join("in.exr")]).unwrap();
+        watch();
+        headtail_render::file::open_regular(&inner.join("in.exr")).unwrap();
+        folder.begin().unwrap();
+        assert!(folder.file("in.exr").unwrap_err().to_string().contains("also an input"));
         assert_eq!(folder.file("new.exr").unwrap(), inner.join("new.exr"));
         drop(folder);
         for (name, stays) in

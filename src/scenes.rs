@@ -90,7 +90,7 @@ fn print(scenes: &[Scene]) {
 
 fn write_pictures(arguments: &Arguments, scenes: &[Scene], output: &OutputFolder) -> Result<()> {
     let environment = open_environment(&arguments.env)?;
-    output.begin(&[])?;
+    output.begin()?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let table = direct_bake(light.tail(), NormalGrid::new(16, 32)?, CellGrid::new(32, 32)?)?;
     let product = Covering::new(ProductSampler::new(light, table))?;

@@ -7,8 +7,8 @@ use std::{
     borrow::Cow,
     fmt,
     fs::{File, OpenOptions},
-    io::{self, ErrorKind, IsTerminal, Write},
-    path::PathBuf,
+    io::{self, ErrorKind, IsTerminal, Read, Write},
+    path::{Path, PathBuf},
     sync::{
         Mutex, OnceLock, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -16,7 +16,7 @@ use std::{
     time::Instant,
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use headtail_render::remark::Remark;
 use indicatif::{ProgressBar, WeakProgressBar};
@@ -81,6 +81,7 @@ impl Voice {
     /// If the log cannot be opened.
     pub fn begin(&self) -> Result<()> {
         let open = |path: &PathBuf| {
+            ensure!(is_log(path), "--log {}: the file is not a log of headtail; name another", path.display());
             let file = OpenOptions::new().create(true).append(true).open(path);
             file.with_context(|| format!("--log {}", path.display())).map(Mutex::new)
         };
@@ -89,6 +90,18 @@ impl Voice {
         log_line("start", &format!("headtail {}: {}", env!("CARGO_PKG_VERSION"), command()));
         Ok(())
     }
+}
+
+/// The text after the time in the first line of a log.
+const FIRST_LINE: &[u8] = b" s  start    headtail ";
+
+/// Whether messages may be appended to a file: to a log or an empty file, but to no other regular file, which
+/// may be an input.
+fn is_log(path: &Path) -> bool {
+    let Ok((file, size)) = headtail_render::file::open_regular(path) else { return true };
+    let mut start = Vec::new();
+    let is_read = file.take(10 + FIRST_LINE.len() as u64).read_to_end(&mut start).is_ok();
+    size == 0 || is_read && start.ends_with(FIRST_LINE)
 }
 
 /// Whether only data, warnings and errors are printed.

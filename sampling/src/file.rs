@@ -3,14 +3,36 @@
 use std::fs::{self, File, Metadata};
 use std::io::{Error as IoError, Read, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use crate::error::{Error, Result};
+
+static WATCH: OnceLock<fn(&Path) -> std::io::Result<()>> = OnceLock::new();
+
+/// Sets a function that is called with the path of every input file before it is opened; an error of it
+/// prevents the opening. A program can thus keep its outputs apart from its inputs. Only the first call
+/// has an effect.
+pub fn watch_inputs(watch: fn(&Path) -> std::io::Result<()>) {
+    WATCH.get_or_init(|| watch);
+}
+
+/// Whether two paths lead to one existing file, through any links and spellings.
+pub fn is_same(a: &Path, b: &Path) -> bool {
+    #[cfg(unix)]
+    let identity = |path: &Path| {
+        use std::os::unix::fs::MetadataExt;
+        fs::metadata(path).map(|found| (found.dev(), found.ino())).ok()
+    };
+    #[cfg(not(unix))]
+    let identity = |path: &Path| fs::canonicalize(path).ok();
+    identity(a).is_some_and(|a| identity(b) == Some(a))
+}
 
 /// Opens a file for reading; returns it and its size in bytes.
 ///
 /// # Errors
 /// The file cannot be opened, or `path` is not a regular file: opening a pipe may block, and a device
-/// may have no end.
+/// may have no end. The error of the function of [`watch_inputs`].
 pub fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
     let check = |metadata: Metadata| {
         let kind = metadata.file_type();
@@ -22,6 +44,7 @@ pub fn open_regular(path: &Path) -> std::io::Result<(File, u64)> {
     };
     // Check before opening, since opening a pipe blocks, and after, since the path may have been replaced.
     check(fs::metadata(path)?)?;
+    WATCH.get().map_or(Ok(()), |watch| watch(path))?;
     let file = File::open(path)?;
     let size = check(file.metadata()?)?;
     Ok((file, size))

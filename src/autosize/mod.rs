@@ -96,8 +96,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let stop = progress::stop_flag()?;
     let output = OutputFolder::take(&arguments.out, &["autosize.html"])?;
-    output.begin(&[])?;
-    output.file("autosize.html")?;
+    let others = ["autosize.json", "winner", "winner.safetensors", "cheapest", "cheapest.safetensors"];
+    output.plan(&others.map(String::from))?;
     let camera = CameraArguments::of_size(arguments.width, arguments.height);
     let view = ViewArguments {
         ground: arguments.ground,
@@ -105,6 +105,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ..ViewArguments::of(&arguments.scene, &arguments.env, camera)
     };
     let opened = view.open()?;
+    output.begin()?;
+    output.file("autosize.html")?;
     let material = HeadMaterial::of(arguments.material.as_ref(), opened.is_diffuse());
     let mut contest = Contest::new(arguments, &view, &opened, material)?;
     contest.run(&stop)?;

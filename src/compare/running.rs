@@ -7,9 +7,10 @@ use std::{
 };
 
 use anyhow::Result;
-use headtail_eval::{Entry, Measurement, Noise, OpenedView, Plan, Reference, Run, Watch, measure};
+use headtail_eval::{Budget, Entry, Measurement, Noise, OpenedView, Plan, Reference, Run, Watch, measure};
 use headtail_render::{
     image::{Image, write_exr},
+    spec::SamplerSpec,
     statistics::RELATIVE_EPSILON,
 };
 
@@ -107,11 +108,11 @@ impl<'a> RunningComparison<'a> {
         if measurement.run == 0 {
             self.say_noise();
             let image = rendering.composite();
-            let stem = format!("{}_{}", self.stems[sampler], measurement.budget);
+            let [picture, error_picture] = names_of(&self.stems[sampler], &measurement.budget);
             let attributes = attributes(self.opened, &measurement.sampler, rendering, measurement.seed);
-            write_exr(&self.output.file(&format!("{stem}.exr"))?, &image, &attributes)?;
+            write_exr(&self.output.file(&picture)?, &image, &attributes)?;
             let errors = error_image(&image, &self.comparison.reference, &self.comparison.measured);
-            write_exr(&self.output.file(&format!("{stem}_error.exr"))?, &errors, &attributes)?;
+            write_exr(&self.output.file(&error_picture)?, &errors, &attributes)?;
             let (sampler, budget) = (measurement.sampler.clone(), measurement.budget.clone());
             self.comparison.images.push(RenderedImage { sampler, budget, image });
         }
@@ -185,6 +186,21 @@ fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
 
 /// Longer names are cut: file systems allow 255 bytes, some of which budget and extension need.
 const LONGEST_NAME: usize = 120;
+
+/// Returns the names of all pictures of samplers and their errors.
+pub fn picture_names(specs: &[&SamplerSpec], files: &[Option<PathBuf>], budgets: &[Budget]) -> Vec<String> {
+    let labels: Vec<String> = specs.iter().map(ToString::to_string).collect();
+    let names: Vec<_> = labels.iter().map(String::as_str).zip(files.iter().map(Option::as_deref)).collect();
+    let of_stem = |stem: &String| -> Vec<String> {
+        budgets.iter().flat_map(|budget| names_of(stem, &budget.to_string())).collect()
+    };
+    file_names(&names).iter().flat_map(of_stem).collect()
+}
+
+/// Returns the names of a sampler's picture and of its errors.
+fn names_of(stem: &str, budget: &str) -> [String; 2] {
+    [format!("{stem}_{budget}.exr"), format!("{stem}_{budget}_error.exr")]
+}
 
 /// Returns distinct parts of file names for samplers: their labels, in which a file is named by its folder
 /// and its stem. Labels that are cut, or equal up to case, get a hash.

@@ -4,7 +4,7 @@ mod page;
 mod setting;
 
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
 };
 
@@ -163,9 +163,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let setting = Setting::open(arguments)?;
     let estimator = arguments.sampler.build(&setting.environment)?;
     note_use(&arguments.sampler)?;
-    output.begin(
-        &[arguments.photo.as_deref(), arguments.camera.as_deref()].map(|input| input.unwrap_or(Path::new(""))),
-    )?;
+    output.begin()?;
     let backdrop = setting.backdrop();
     let composition =
         Composition { stage: &setting.stage, backdrop: &backdrop, camera: &setting.camera, estimator: &*estimator };

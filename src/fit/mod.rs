@@ -14,7 +14,7 @@ use crate::terminal::{self, out, say, warning};
 use crate::{
     output::OutputFolder,
     progress::{self, TrainingBar},
-    run::{self, RunContext},
+    run::{self, Contents, RunContext},
 };
 
 /// Trains, exports and measures.
@@ -37,12 +37,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let resumes = described.checkpoints.as_ref().is_some_and(|checkpoints| checkpoints.resume);
     let results: &[&str] = if resumes { &[] } else { &run::RESULTS };
     let output = OutputFolder::take(&out, results)?;
+    if run::RESULTS.iter().any(|name| out.join(name).exists()) {
+        // Opens all inputs: none may be replaced.
+        described.hash(&Contents::default())?;
+    }
     let checkpoints = described.checkpoints.as_ref().map(|checkpoints| &checkpoints.folder);
     let others = [arguments.pictures.as_ref(), arguments.tensorboard.as_ref(), checkpoints];
     let others =
         others.into_iter().flatten().filter(|folder| **folder != out).map(|folder| OutputFolder::take_any(folder));
     let _others = others.collect::<Result<Vec<_>>>()?;
-    output.begin(&[])?;
+    output.begin()?;
     for name in run::RESULTS {
         output.file(name)?;
     }

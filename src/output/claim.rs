@@ -1,26 +1,28 @@
 //! Exclusive claims on file systems without locks: a file that only one process can create.
 //!
 //! The holder touches the file every [`BEAT`]. A claim whose process is gone from this machine, or that
-//! another machine has not touched for [`DEAD`], may be taken over: by one process at a time, which a second
-//! claim ensures.
+//! another machine was seen not to touch for [`Claim::DEAD`], may be taken over: by one process at a time,
+//! which a second claim ensures. Only this process's monotonic clock measures time, since wall clocks of
+//! machines differ.
 
 use std::{
+    collections::BTreeMap,
     fs::{self, File, FileTimes, OpenOptions},
     io::{ErrorKind, Result, Write},
     path::{Path, PathBuf},
     sync::{
-        Arc,
+        Arc, Mutex, PoisonError,
         mpsc::{self, RecvTimeoutError, Sender},
     },
     thread,
-    time::{Duration, SystemTime},
+    time::{Duration, Instant, SystemTime},
 };
 
 /// Interval at which a holder touches its file.
 const BEAT: Duration = Duration::from_secs(20);
-/// Time without a touch after which a holder on another machine counts as gone: caches of network file
-/// systems show changes within a minute.
-const DEAD: Duration = Duration::from_secs(600);
+
+/// Times of change of other holders' files, and when this process first saw them.
+static SEEN: Mutex<BTreeMap<PathBuf, (SystemTime, Instant)>> = Mutex::new(BTreeMap::new());
 
 /// An exclusive claim, held until it is dropped.
 #[derive(Debug)]
@@ -31,6 +33,10 @@ pub struct Claim {
 }
 
 impl Claim {
+    /// Time without a touch after which a holder on another machine counts as gone: caches of network file
+    /// systems show changes within a minute.
+    pub const DEAD: Duration = Duration::from_secs(300);
+
     /// Takes the claim; `None` if another process holds it.
     ///
     /// # Errors
@@ -107,20 +113,28 @@ fn machine() -> String {
     format!("{} {}", read("/proc/sys/kernel/hostname"), read("/proc/sys/kernel/random/boot_id"))
 }
 
-/// Whether the holder of a file is gone. A file without a readable holder counts by its age: it may not be
-/// written yet.
+/// Whether the holder of a file is gone. A file without a readable holder may not be written yet, and counts
+/// as one of another machine.
 fn is_abandoned(path: &Path) -> bool {
     let Ok(metadata) = fs::metadata(path) else { return false };
-    let age = metadata.modified().ok().and_then(|touched| SystemTime::now().duration_since(touched).ok());
-    let is_old = age.is_some_and(|age| age > DEAD);
     let holder = fs::read_to_string(path).unwrap_or_default();
     let mut lines = holder.lines();
     match (lines.next(), lines.next().and_then(|number| number.parse::<u32>().ok())) {
         (Some(name), Some(number)) if name == machine() && Path::new("/proc/self").exists() => {
             !Path::new(&format!("/proc/{number}")).exists()
         }
-        _ => is_old,
+        _ => metadata.modified().is_ok_and(|touched| unchanged_for(path, touched) > Claim::DEAD),
     }
+}
+
+/// Returns how long this process has seen a file with this time of change.
+fn unchanged_for(path: &Path, touched: SystemTime) -> Duration {
+    let mut seen = SEEN.lock().unwrap_or_else(PoisonError::into_inner);
+    let (known, since) = seen.entry(path.to_owned()).or_insert_with(|| (touched, Instant::now()));
+    if *known != touched {
+        (*known, *since) = (touched, Instant::now());
+    }
+    since.elapsed()
 }
 
 #[cfg(test)]
@@ -152,11 +166,28 @@ mod tests {
         assert!(claim.is_some() && Claim::take(&path).unwrap().is_none());
         drop(claim);
 
-        // From another machine: only the age counts.
+        // From another machine, whose clock may be days off: only the time without a change counts.
         fs::write(&path, "elsewhere 1\n1\n").unwrap();
-        assert!(Claim::take(&path).unwrap().is_none());
-        let file = OpenOptions::new().write(true).open(&path).unwrap();
-        file.set_times(FileTimes::new().set_modified(SystemTime::now() - 2 * DEAD)).unwrap();
+        let touch = |time: SystemTime| {
+            let file = OpenOptions::new().write(true).open(&path).unwrap();
+            file.set_times(FileTimes::new().set_modified(time)).unwrap();
+        };
+        let days = Duration::from_secs(200_000);
+        let long_ago = |seen: Duration| {
+            let begun = Instant::now().checked_sub(seen).expect("the machine runs for longer");
+            SEEN.lock().unwrap().get_mut(&path).unwrap().1 = begun;
+        };
+        for time in [SystemTime::now() - days, SystemTime::now() + days] {
+            touch(time);
+            assert!(Claim::take(&path).unwrap().is_none() && Claim::is_taken(&path));
+            long_ago(Claim::DEAD / 2);
+            assert!(Claim::is_taken(&path));
+            long_ago(2 * Claim::DEAD);
+            assert!(!Claim::is_taken(&path));
+            touch(time + Duration::from_secs(1));
+            assert!(Claim::is_taken(&path), "it was touched");
+        }
+        long_ago(2 * Claim::DEAD);
         assert!(Claim::take(&path).unwrap().is_some());
     }
 }

@@ -4,14 +4,16 @@ use std::{
     ffi::OsString,
     fs::{self, File},
     path::{Path, PathBuf},
-    sync::atomic::Ordering,
+    sync::{Mutex, PoisonError, atomic::Ordering},
 };
 
 use anyhow::{Context, Result, bail, ensure};
 use headtail_render::file;
 
 use super::{
-    FORCE, digits, lock_file, make_folder,
+    FORCE, digits,
+    inputs::{Planned, advice},
+    lock_file, make_folder,
     record::{self, Entry, RECORD},
     request,
 };
@@ -26,6 +28,8 @@ pub struct OutputFile {
     target: PathBuf,
     /// Name in the record.
     name: String,
+    /// Dropped once this process writes the file.
+    planned: Mutex<Option<Planned>>,
     lock: PathBuf,
     _held: File,
 }
@@ -34,11 +38,12 @@ impl OutputFile {
     /// Takes a file for writing, creating its folder if it is missing.
     ///
     /// # Errors
-    /// If it cannot be written, if another process writes it, or if a file exists that this command did not
-    /// make, or that was changed since, and `--force` was not given.
+    /// If it cannot be written, if it is an input, if another process writes it, or if a file exists that this
+    /// command did not make, or that was changed since, and `--force` was not given.
     pub fn take(path: &Path) -> Result<Self> {
         make_folder(&folder_of(path))?;
         let target = file::target(path)?;
+        let planned = Mutex::new(Some(Planned::new(path)?));
         let cannot = || format!("{}: it cannot be written", path.display());
         let Some(name) = target.file_name() else { bail!("{}: not the name of a file", path.display()) };
         let mut lock_name = OsString::from(".");
@@ -49,12 +54,14 @@ impl OutputFile {
             bail!("{}: another headtail is writing it", path.display());
         };
         let name = name.as_encoded_bytes().escape_ascii().to_string();
-        let output = Self { path: path.to_owned(), folder: folder_of(&target), target, name, lock, _held: held };
+        let folder = folder_of(&target);
+        let output = Self { path: path.to_owned(), folder, target, name, planned, lock, _held: held };
         let may_replace = !output.target.exists() || FORCE.load(Ordering::Relaxed) || output.is_ours();
         ensure!(
             may_replace,
-            "{}: the file is there, of another command or changed since; name another, or replace it by --force",
-            path.display()
+            "{}: the file is there, of another command or changed since; {}",
+            path.display(),
+            advice(path)
         );
         Ok(output)
     }
@@ -79,6 +86,7 @@ impl OutputFile {
     /// # Errors
     /// Those of `write`, and if the record cannot be written.
     pub fn write<T, E: Into<anyhow::Error>>(&self, write: impl FnOnce(&Path) -> Result<T, E>) -> Result<T> {
+        drop(self.planned.lock().unwrap_or_else(PoisonError::into_inner).take());
         // Recorded first, so that a kill in between leaves no unknown file.
         self.record(None)?;
         let written = write(&self.path).map_err(Into::into)?;

@@ -80,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     regimes.retain(|regime| wanted(&regime.name));
     missing.retain(|(name, _)| wanted(name));
     ensure!(!regimes.is_empty(), "--only: no regime that can be run has such a name");
-    output.begin(&[])?;
+    output.begin()?;
     let saved = SavedRows::open(arguments.out.join("regimes"))?;
     let (command, machine) = (terminal::command(), machine());
     let (csv, html) = (output.file("stability.csv")?, output.file("stability.html")?);

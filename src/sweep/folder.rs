@@ -76,6 +76,12 @@ impl SweepFolder {
         })
     }
 
+    /// Whether the file system has no locks and there is a claim of a trial, possibly of a process that is
+    /// gone.
+    pub fn is_claimed(&self, id: &str) -> bool {
+        claim_beside(&self.trial(id).join("lock")).exists()
+    }
+
     /// Locks the creation of the next configuration of adaptive search.
     ///
     /// # Errors

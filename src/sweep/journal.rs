@@ -1,9 +1,12 @@
 //! Journals of workers: each writes a file of its own, one complete line at a time; readers merge them.
+//!
+//! Events of a trial are ordered by the number of its attempt, which a worker chooses while it holds the
+//! trial's lock. Clocks of machines differ and order nothing.
 
 use std::{
     collections::{BTreeMap, HashMap},
     fs::{self, File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
+    io::{ErrorKind, Read, Seek, SeekFrom, Write},
     path::{Path, PathBuf},
     time::{SystemTime, UNIX_EPOCH},
 };
@@ -17,7 +20,7 @@ use crate::run::Measures;
 /// One line of a journal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Line {
-    /// Seconds since 1970.
+    /// Seconds since 1970, for people.
     pub time: f64,
     /// Event.
     #[serde(flatten)]
@@ -39,6 +42,9 @@ pub enum Event {
     Started {
         /// Identity of the trial.
         trial: String,
+        /// Number of the attempt.
+        #[serde(default)]
+        attempt: u64,
         /// Steps done earlier.
         step: usize,
     },
@@ -46,6 +52,9 @@ pub enum Event {
     Stopped {
         /// Identity of the trial.
         trial: String,
+        /// Number of the attempt.
+        #[serde(default)]
+        attempt: u64,
         /// Steps done.
         step: usize,
         /// Seconds since it started.
@@ -55,6 +64,9 @@ pub enum Event {
     Rung {
         /// Identity of the trial.
         trial: String,
+        /// Number of the attempt.
+        #[serde(default)]
+        attempt: u64,
         /// Steps done.
         step: usize,
         /// Validation figures at the rung.
@@ -66,6 +78,9 @@ pub enum Event {
     Done {
         /// Identity of the trial.
         trial: String,
+        /// Number of the attempt.
+        #[serde(default)]
+        attempt: u64,
         /// All measurements.
         measures: Measures,
         /// Seconds since it started.
@@ -75,6 +90,9 @@ pub enum Event {
     Failed {
         /// Identity of the trial.
         trial: String,
+        /// Number of the attempt.
+        #[serde(default)]
+        attempt: u64,
         /// Error.
         reason: String,
     },
@@ -82,6 +100,9 @@ pub enum Event {
     Retry {
         /// Identity of the trial.
         trial: String,
+        /// The last attempt that the retry is for.
+        #[serde(default)]
+        attempt: u64,
     },
 }
 
@@ -101,9 +122,16 @@ impl Journal {
         let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
         let host: String = host.trim().chars().filter(|c| c.is_ascii_alphanumeric() || *c == '-').collect();
         let started = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_nanos();
-        let path = folder.join(format!("{started:x}-{host}-{}.jsonl", std::process::id()));
-        let file = OpenOptions::new().append(true).create_new(true).open(&path);
-        Ok(Self { file: file.with_context(|| path.display().to_string())?, path })
+        for number in 0.. {
+            let path = folder.join(format!("{started:x}-{host}-{}-{number}.jsonl", std::process::id()));
+            match OpenOptions::new().append(true).create_new(true).open(&path) {
+                Ok(file) => return Ok(Self { file, path }),
+                // After a clock was set back.
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error).with_context(|| path.display().to_string()),
+            }
+        }
+        unreachable!("there is always another number")
     }
 
     /// Writes a complete line and flushes it to disk.
@@ -129,14 +157,14 @@ pub struct Record {
     pub rungs: BTreeMap<usize, Measures>,
     /// Final figures.
     pub done: Option<Measures>,
-    /// Time and reason of the last failure.
-    failure: Option<(f64, String)>,
-    /// Time of the last retry.
-    retry: f64,
-    /// Time and step of each start.
-    starts: Vec<(f64, usize)>,
-    /// Time of the last regular end of work.
-    stop: f64,
+    /// Attempt and reason of the last failure.
+    failure: Option<(u64, String)>,
+    /// Last attempt that was retried.
+    retry: Option<u64>,
+    /// Attempt and step of each start.
+    starts: Vec<(u64, usize)>,
+    /// Last attempt that ended regularly.
+    stop: Option<u64>,
     /// Seconds of work that ended regularly.
     pub seconds: f64,
 }
@@ -150,12 +178,12 @@ impl Record {
         if self.done.is_some() {
             return None;
         }
-        if let Some((_, reason)) = self.failure.as_ref().filter(|(time, _)| *time > self.retry) {
+        if let Some((_, reason)) = self.failure.as_ref().filter(|(attempt, _)| Some(*attempt) > self.retry) {
             return Some(reason.clone());
         }
         let after = self.retry.max(self.stop);
         let mut starts: Vec<usize> =
-            self.starts.iter().filter(|(time, _)| *time > after).map(|(_, step)| *step).collect();
+            self.starts.iter().filter(|(attempt, _)| Some(*attempt) > after).map(|(_, step)| *step).collect();
         starts.sort_unstable();
         let lost = starts.windows(MOST_STARTS + 1).find(|window| window.first() == window.last());
         lost.map(|window| format!("ended {MOST_STARTS} times after step {} without a word", window[0]))
@@ -163,8 +191,19 @@ impl Record {
 
     /// Whether work was started and has neither ended regularly nor failed since.
     pub fn is_open(&self) -> bool {
-        let last = self.starts.iter().map(|(time, _)| *time).fold(0.0, f64::max);
-        self.done.is_none() && last > self.stop.max(self.failure.as_ref().map_or(0.0, |(time, _)| *time))
+        let last = self.starts.iter().map(|(attempt, _)| *attempt).max();
+        self.done.is_none() && last > self.stop.max(self.failure.as_ref().map(|(attempt, _)| *attempt))
+    }
+
+    /// Returns the number of the last attempt; 0 before the first, and in journals without such numbers.
+    pub fn attempt(&self) -> u64 {
+        let started = self.starts.iter().map(|(attempt, _)| *attempt).max();
+        started.max(self.failure.as_ref().map(|(attempt, _)| *attempt)).max(self.retry).max(self.stop).unwrap_or(0)
+    }
+
+    /// Returns the number of starts.
+    pub fn starts(&self) -> usize {
+        self.starts.len()
     }
 }
 
@@ -227,32 +266,30 @@ impl Ledger {
         Ok(())
     }
 
-    fn add(&mut self, Line { time, event }: Line) {
+    fn add(&mut self, Line { event, .. }: Line) {
         match event {
             Event::Suggested { number, assignment } => {
                 self.suggested.entry(number).or_insert(assignment);
             }
-            Event::Started { trial, step } => self.of(trial).starts.push((time, step)),
-            Event::Stopped { trial, seconds, .. } => self.of(trial).end(time, seconds),
-            Event::Rung { trial, step, measures, seconds } => {
+            Event::Started { trial, attempt, step } => self.of(trial).starts.push((attempt, step)),
+            Event::Stopped { trial, attempt, seconds, .. } => self.of(trial).end(attempt, seconds),
+            Event::Rung { trial, attempt, step, measures, seconds } => {
                 let record = self.of(trial);
-                record.end(time, seconds);
+                record.end(attempt, seconds);
                 record.rungs.insert(step, measures);
             }
-            Event::Done { trial, measures, seconds } => {
+            Event::Done { trial, attempt, measures, seconds } => {
                 let record = self.of(trial);
-                record.end(time, seconds);
+                record.end(attempt, seconds);
                 record.done = Some(measures);
             }
-            Event::Failed { trial, reason } => {
+            Event::Failed { trial, attempt, reason } => {
                 let record = self.of(trial);
-                if record.failure.as_ref().is_none_or(|(known, _)| *known < time) {
-                    record.failure = Some((time, reason));
-                }
+                record.failure = record.failure.take().max(Some((attempt, reason)));
             }
-            Event::Retry { trial } => {
+            Event::Retry { trial, attempt } => {
                 let record = self.of(trial);
-                record.retry = record.retry.max(time);
+                record.retry = record.retry.max(Some(attempt));
             }
         }
     }
@@ -273,9 +310,9 @@ impl Ledger {
 }
 
 impl Record {
-    fn end(&mut self, time: f64, seconds: f64) {
+    fn end(&mut self, attempt: u64, seconds: f64) {
         self.seconds += seconds;
-        self.stop = self.stop.max(time);
+        self.stop = self.stop.max(Some(attempt));
     }
 }
 
@@ -283,12 +320,17 @@ impl Record {
 mod tests {
     use super::*;
 
-    fn event(time: f64, event: Event) -> Line {
-        Line { time, event }
+    /// A line with a clock that is wrong by `clock` seconds.
+    fn event(clock: f64, event: Event) -> Line {
+        Line { time: now() + clock, event }
     }
 
-    fn started(time: f64, step: usize) -> Line {
-        event(time, Event::Started { trial: "a".into(), step })
+    fn started(attempt: u64, step: usize) -> Line {
+        event(0.0, Event::Started { trial: "a".into(), attempt, step })
+    }
+
+    fn failed(attempt: u64, reason: &str) -> Event {
+        Event::Failed { trial: "a".into(), attempt, reason: reason.into() }
     }
 
     fn ledger(lines: impl IntoIterator<Item = Line>) -> Ledger {
@@ -301,7 +343,7 @@ mod tests {
     fn torn_lines_are_skipped_and_hide_no_others() {
         let folder = tempfile::tempdir().unwrap();
         let mut journal = Journal::create(folder.path()).unwrap();
-        journal.add(Event::Started { trial: "a".into(), step: 0 }).unwrap();
+        journal.add(Event::Started { trial: "a".into(), attempt: 1, step: 0 }).unwrap();
         let path = journal.path.clone();
         let torn = "{\"time\":1.0,\"event\":\"done\",\"trial\":\"a\",\"measu";
         journal.file.write_all(torn.as_bytes()).unwrap();
@@ -309,7 +351,7 @@ mod tests {
         assert!(ledger.records["a"].done.is_none() && ledger.records["a"].is_open());
         // The worker that follows a kill has a file of its own.
         let mut other = Journal::create(folder.path()).unwrap();
-        other.add(Event::Done { trial: "a".into(), measures: Measures::new(), seconds: 2.0 }).unwrap();
+        other.add(Event::Done { trial: "a".into(), attempt: 2, measures: Measures::new(), seconds: 2.0 }).unwrap();
         ledger.refresh().unwrap();
         assert!(ledger.records["a"].done.is_some());
         // A line whose end is late is read once it is complete.
@@ -320,23 +362,61 @@ mod tests {
     }
 
     #[test]
-    fn order_of_files_does_not_matter() {
-        let failed = event(2.0, Event::Failed { trial: "a".into(), reason: "no".into() });
-        let retry = event(3.0, Event::Retry { trial: "a".into() });
-        for lines in [[failed.clone(), retry.clone()], [retry, failed.clone()]] {
-            assert_eq!(ledger(lines).records["a"].failure(), None);
+    fn neither_clocks_nor_the_order_of_files_matter() {
+        for clock in [-600.0, 0.0, 600.0] {
+            let failure = event(clock, failed(1, "no"));
+            let retry = event(0.0, Event::Retry { trial: "a".into(), attempt: 1 });
+            let again = event(clock, failed(2, "still"));
+            for lines in [[failure.clone(), retry.clone()], [retry.clone(), failure.clone()]] {
+                assert_eq!(ledger(lines).records["a"].failure(), None, "{clock}");
+            }
+            for lines in [[again.clone(), retry.clone(), failure.clone()], [failure, retry, again]] {
+                let ledger = ledger(lines);
+                let record = &ledger.records["a"];
+                assert_eq!((record.failure().as_deref(), record.attempt()), (Some("still"), 2), "{clock}");
+            }
         }
-        let again = event(4.0, Event::Failed { trial: "a".into(), reason: "still".into() });
-        assert_eq!(ledger([again, failed]).records["a"].failure().as_deref(), Some("still"));
+    }
+
+    #[test]
+    fn work_is_open_from_a_start_to_the_end_of_its_attempt() {
+        for clock in [-600.0, 600.0] {
+            let stopped =
+                |attempt: u64| event(clock, Event::Stopped { trial: "a".into(), attempt, step: 0, seconds: 1.0 });
+            assert!(ledger([started(1, 0)]).records["a"].is_open());
+            assert!(!ledger([stopped(1), started(1, 0)]).records["a"].is_open());
+            assert!(ledger([started(2, 0), stopped(1), started(1, 0)]).records["a"].is_open());
+            assert!(!ledger([event(clock, failed(2, "no")), started(2, 0), started(1, 0)]).records["a"].is_open());
+        }
+    }
+
+    /// As written by versions without numbers of attempts.
+    #[test]
+    fn journals_without_attempts_are_read() {
+        let line = |event: &str| {
+            let text = format!("{{\"time\":9e9,\"event\":{event},\"trial\":\"a\"}}");
+            serde_json::from_str::<Line>(&text).unwrap()
+        };
+        let [start, failure] = [line("\"started\",\"step\":0"), line("\"failed\",\"reason\":\"no\"")];
+        let retry = line("\"retry\"");
+        let old = ledger([start.clone(), failure.clone()]);
+        assert_eq!(old.records["a"].failure().as_deref(), Some("no"));
+        let mut old = ledger([retry, failure, start]);
+        assert_eq!((old.records["a"].failure(), old.records["a"].attempt()), (None, 0));
+        old.add(event(0.0, failed(1, "still")));
+        assert_eq!(old.records["a"].failure().as_deref(), Some("still"));
     }
 
     #[test]
     fn repeated_starts_without_an_end_count_as_failure() {
-        let starts = |steps: &[usize]| ledger(steps.iter().enumerate().map(|(k, &step)| started(1.0 + k as f64, step)));
+        let starts = |steps: &[usize]| ledger((1..).zip(steps).map(|(attempt, &step)| started(attempt, step)));
         assert!(starts(&[0; 5]).records["a"].failure().is_none());
-        assert!(starts(&[7; 6]).records["a"].failure().unwrap().contains("after step 7"));
+        let mut lost = starts(&[7; 6]);
+        assert!(lost.records["a"].failure().unwrap().contains("after step 7"));
         assert!(starts(&[0, 0, 0, 5, 5, 5, 9, 9]).records["a"].failure().is_none(), "it gets on");
-        let stopped = event(50.0, Event::Stopped { trial: "a".into(), step: 0, seconds: 1.0 });
-        assert!(ledger((0..9).map(|k| started(f64::from(k), 0)).chain([stopped])).records["a"].failure().is_none());
+        let stopped = event(0.0, Event::Stopped { trial: "a".into(), attempt: 9, step: 0, seconds: 1.0 });
+        assert!(ledger((1..=9).map(|k| started(k, 0)).chain([stopped])).records["a"].failure().is_none());
+        lost.add(event(0.0, Event::Retry { trial: "a".into(), attempt: 6 }));
+        assert!(lost.records["a"].failure().is_none());
     }
 }

@@ -21,6 +21,7 @@ use super::{
     Sweep,
     estimate::{Estimate, WorkAmount},
     jobs,
+    journal::Record,
     location::{Checkpoints, SweepLocation},
     status,
     worker::Tick,
@@ -68,6 +69,8 @@ struct Crew<'a> {
     stop: Arc<AtomicBool>,
     workers: HashMap<usize, Child>,
     started: usize,
+    /// Workers killed in a row without a new start of a trial, and the starts before them.
+    in_vain: (usize, usize),
     bars: HashMap<usize, ProgressBar>,
     all: MultiProgress,
     total: progress::Bar,
@@ -80,6 +83,8 @@ struct Crew<'a> {
     receive: Receiver<Message>,
 }
 
+/// Workers in a row that may be killed before they start a trial.
+const MOST_IN_VAIN: usize = 10;
 /// Time between two reads of the journals.
 const LOOK: Duration = Duration::from_millis(500);
 
@@ -99,6 +104,7 @@ impl<'a> Crew<'a> {
             stop,
             workers,
             started: 0,
+            in_vain: (0, 0),
             bars,
             all,
             total,
@@ -193,6 +199,15 @@ impl<'a> Crew<'a> {
         ensure!(
             was_killed(status),
             "a worker ended with {status}; its messages are in {}",
+            self.sweep.folder.logs().display()
+        );
+        // Starts of trials are bounded (see `Record::failure`), and so are workers that come to none.
+        self.sweep.refresh()?;
+        let starts = self.sweep.ledger.records.values().map(Record::starts).sum();
+        self.in_vain = if starts > self.in_vain.1 { (0, starts) } else { (self.in_vain.0 + 1, starts) };
+        ensure!(
+            self.in_vain.0 < MOST_IN_VAIN,
+            "{MOST_IN_VAIN} workers in a row were ended by {status} before they started a trial; their messages are in {}",
             self.sweep.folder.logs().display()
         );
         note!("a worker was ended by {status}; another takes its place");

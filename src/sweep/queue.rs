@@ -1,6 +1,11 @@
 //! State of a sweep's jobs in Slurm.
 
-use std::{collections::BTreeMap, fs, path::Path, process::Command};
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fs,
+    path::Path,
+    process::Command,
+};
 
 use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
@@ -48,9 +53,9 @@ impl Queue {
         let jobs: Vec<String> = text
             .lines()
             .filter_map(|line| serde_json::from_str::<SubmittedJob>(line).ok())
-            .map(|submitted| submitted.job)
+            .filter_map(|submitted| job_number(&submitted.job))
             .collect();
-        ensure!(!jobs.is_empty(), "{}: no line of it can be read", list.display());
+        ensure!(!jobs.is_empty(), "{}: no line of it names a job", list.display());
         let names = jobs.join(",");
         let format = ["--format", "JobID,State,ExitCode"];
         let accounts =
@@ -61,15 +66,18 @@ impl Queue {
         for (program, answer) in [("sacct", accounts), ("squeue", queue)] {
             let Some(answer) = answer else { continue };
             found.asked.push(program);
-            answer.lines().for_each(|line| found.add(line));
+            plain_lines(&answer).for_each(|line| found.add(&line));
         }
         Ok(Some(found))
     }
 
-    /// Adds a line of an answer: `JOB_TASK|STATE` and possibly `|EXIT`.
+    /// Adds a line of an answer: `JOB_TASK|STATE` and possibly `|EXIT`. Other lines are messages.
     fn add(&mut self, line: &str) {
         let mut fields = line.split('|').map(str::trim);
         let (Some(task), Some(state)) = (fields.next(), fields.next()) else { return };
+        if !self.jobs.iter().any(|job| task.split('_').next() == Some(job)) {
+            return;
+        }
         // "CANCELLED by 1000"
         let state = state.split(' ').next().unwrap_or_default().to_owned();
         let exit = fields.next().map(str::to_owned);
@@ -108,6 +116,33 @@ impl Task {
             ["PENDING", "CONFIGURING", "RUNNING", "COMPLETING", "COMPLETED", "REQUEUED", "REQUEUE_HOLD", "SUSPENDED"];
         !GOOD.contains(&self.state.as_str())
     }
+}
+
+/// Returns the job number in the output of `sbatch`, among any messages of its wrappers and plugins: after
+/// `Submitted batch job`, else on a line of its own, with or without `;CLUSTER`. `None` if there is none or
+/// if several differ.
+pub fn job_number(output: &str) -> Option<String> {
+    let lines: Vec<String> = plain_lines(output).collect();
+    let submitted = lines.iter().filter_map(|line| line.split_once("Submitted batch job ")?.1.split(' ').next());
+    let alone =
+        |has_cluster: bool| lines.iter().map(String::as_str).filter(move |line| line.contains(';') == has_cluster);
+    let number = |text: &str| {
+        let (number, cluster) = text.split_once(';').unwrap_or((text, "_"));
+        let is_number =
+            number.bytes().all(|byte| byte.is_ascii_digit()) && !number.is_empty() && !number.starts_with('0');
+        let is_cluster = !cluster.is_empty() && cluster.chars().all(|c| c.is_ascii_alphanumeric() || "-_.".contains(c));
+        (is_number && is_cluster).then(|| number.to_owned())
+    };
+    let forms: [Vec<&str>; 3] = [submitted.collect(), alone(true).collect(), alone(false).collect()];
+    let numbers = forms.map(|form| form.into_iter().filter_map(number).collect::<BTreeSet<String>>());
+    let mut found = numbers.into_iter().find(|numbers| !numbers.is_empty())?;
+    found.pop_first().filter(|_| found.is_empty())
+}
+
+/// Returns the lines of a program's output without colours and surrounding space.
+pub fn plain_lines(output: &str) -> impl Iterator<Item = String> {
+    let plain = console::strip_ansi_codes(output).replace('\r', "\n");
+    plain.lines().map(|line| line.trim().to_owned()).collect::<Vec<_>>().into_iter()
 }
 
 /// Maximum number of tasks in one name.
@@ -154,6 +189,36 @@ mod tests {
                 "Slurm: task 7_2: CANCELLED, exit 0:15",
             ]
         );
+    }
+
+    #[test]
+    fn messages_are_not_tasks() {
+        let mut queue = Queue { jobs: vec!["7".into()], asked: vec!["squeue"], tasks: BTreeMap::new() };
+        let answer = "\x1b[1m| Welcome | to cluster 7 |\x1b[0m\r\n2030|NEWS\r\n\x1b[32m7_0|RUNNING\x1b[0m\r\n70_1|FAILED\r\nBye | bye\r\n";
+        plain_lines(answer).for_each(|line| queue.add(&line));
+        assert_eq!(queue.lines(), ["Slurm: jobs 7: 1 RUNNING (squeue)"]);
+    }
+
+    #[test]
+    fn job_numbers_are_found_among_messages() {
+        for (output, expected) in [
+            ("519605\n", Some("519605")),
+            ("519605;north-1\n", Some("519605")),
+            ("Sun Jul  7 03:08:22 2030 [INFO4] auks_krb5_cred: cred of 12 bytes\n519605\n", Some("519605")),
+            ("519605\nsbatch: 3 of 10 jobs used\n2030-07-07 done\n", Some("519605")),
+            ("Submitted batch job 519605 on cluster north\n", Some("519605")),
+            ("100\nsbatch: Submitted batch job 519605\n100 hours are left\n", Some("519605")),
+            ("12\n519605;north\n", Some("519605")),
+            ("\x1b[33mQuota: 12 of 40\x1b[0m\r\n\x1b[1;32m519605\x1b[0m\r\n", Some("519605")),
+            ("loading 10 %\rloading 100 %\r519605\n", Some("519605")),
+            ("519605\n519605\n", Some("519605")),
+            ("", None),
+            ("sbatch: queued as 519605 of 2030\n", None),
+            ("12\n519605\n", None),
+            ("0\n-5\n1.5\n12;\n12;a b\n", None),
+        ] {
+            assert_eq!(job_number(output).as_deref(), expected, "{output:?}");
+        }
     }
 
     #[test]

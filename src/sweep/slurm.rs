@@ -18,11 +18,14 @@ use headtail_render::path_text::{path_of, text_of};
 use super::{
     Sweep, jobs,
     location::{Checkpoints, SweepLocation},
-    queue::{JOBS_FILE, SubmittedJob},
+    queue::{JOBS_FILE, SubmittedJob, job_number, plain_lines},
     worker::{self, Manner},
 };
 use crate::terminal::{note, out};
-use crate::{output::make_folder, progress};
+use crate::{
+    output::{check_output, make_folder},
+    progress,
+};
 
 /// Submit one array job to Slurm, print its number and return.
 #[derive(Args)]
@@ -60,6 +63,7 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let tasks = arguments.tasks.unwrap_or(open.min(MOST_TASKS) as u32);
     make_folder(&sweep.folder.logs())?;
     let script = sweep.folder.path().join(SCRIPT);
+    check_output(&script)?;
     // Decodes the file names in it.
     let text = path_of(&text(arguments, &sweep, tasks)?);
     headtail_render::file::replace(&script, text.as_os_str().as_encoded_bytes())?;
@@ -70,9 +74,13 @@ pub fn submit(arguments: &Arguments) -> Result<()> {
     let output = Command::new("sbatch").arg("--parsable").arg(&script).output();
     let output = output.context("sbatch: Slurm's client is not to be found on this machine")?;
     ensure!(output.status.success(), "sbatch: {}", String::from_utf8_lossy(&output.stderr).trim());
-    let answer = String::from_utf8_lossy(&output.stdout);
-    // On a federation, the cluster's name follows the number.
-    let job = answer.trim().split(';').next().unwrap_or_default().to_owned();
+    let job = job_number(&String::from_utf8_lossy(&output.stdout)).with_context(|| {
+        let said = [&output.stdout, &output.stderr].map(|said| String::from_utf8_lossy(said).trim().to_owned());
+        format!(
+            "sbatch: no job number is found in its output, {:?}; squeue --me lists the job if it was submitted",
+            said.join("\n")
+        )
+    })?;
     let mut list = OpenOptions::new().create(true).append(true).open(sweep.folder.path().join(JOBS_FILE))?;
     list.write_all((serde_json::to_string(&SubmittedJob { job: job.clone(), tasks })? + "\n").as_bytes())?;
     out!("{job}");
@@ -103,7 +111,8 @@ fn text(arguments: &Arguments, sweep: &Sweep, tasks: u32) -> Result<String> {
     ];
     let file = headtail_render::file::read_text(&arguments.location.space)
         .with_context(|| arguments.location.space.display().to_string())?;
-    let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH ")).map(str::trim);
+    let lines = file.lines().filter_map(|line| line.strip_prefix("#SBATCH"));
+    let lines = lines.filter(|line| line.starts_with([' ', '\t'])).map(str::trim);
     let given =
         lines.chain(arguments.sbatch.iter().map(String::as_str)).map(|line| text_of(Path::new(line)).into_owned());
     // If an option is given twice, the last one counts.
@@ -146,7 +155,9 @@ fn is_cancelled(job: &str) -> bool {
     const ENDS: [&str; 2] = ["COMPLETING", "CANCELLED"];
     let output = Command::new("squeue").args(["--noheader", "--jobs", job, "--format", "%T"]).output();
     !progress::is_user_signal()
-        && output.is_ok_and(|output| ENDS.contains(&String::from_utf8_lossy(&output.stdout).trim()))
+        && output.is_ok_and(|output| {
+            plain_lines(&String::from_utf8_lossy(&output.stdout)).any(|line| ENDS.contains(&&*line))
+        })
 }
 
 fn queue_again(job: &str) {

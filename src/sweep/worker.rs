@@ -1,6 +1,7 @@
 //! A worker: performs one trial after another until none is left, and records the results.
 
 use std::{
+    collections::HashMap,
     io::{Read, Write},
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
@@ -11,7 +12,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use headtail_train::Progress;
 use serde::{Deserialize, Serialize};
 
@@ -19,10 +20,11 @@ use super::{
     Sweep,
     folder::Lock,
     jobs::{self, Job},
-    journal::{Event, Journal},
+    journal::{Event, Journal, Record},
     plan, search,
 };
 use crate::{
+    output::Claim,
     progress::Interrupted,
     run::{self, Checkpoints, Finished, RunContext},
 };
@@ -49,6 +51,9 @@ const WAIT: Duration = Duration::from_millis(250);
 /// within moments.
 const GRACE: Duration = Duration::from_secs(10);
 
+/// Attempts of a worker at a trial, whatever other commands allow.
+const MOST_ATTEMPTS: usize = 5;
+
 /// Settings of a worker.
 #[derive(Clone, Copy, Debug)]
 pub struct Manner {
@@ -71,17 +76,26 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
     }
     let mut journal = Journal::create(&sweep.folder.journals())?;
     let mut idle = None::<Instant>;
+    let mut attempts = HashMap::<(String, Option<usize>), usize>::new();
     while !stop.load(Ordering::Relaxed) {
         sweep.refresh()?;
         let open: Vec<Job> = jobs::jobs(&sweep.space, &sweep.plan, &sweep.ledger);
         if let Some((job, lock)) = take(sweep, &open)? {
+            let id = sweep.plan.trials[job.trial].id.clone();
+            let attempts = attempts.entry((id.clone(), job.until)).or_default();
+            *attempts += 1;
+            ensure!(
+                *attempts <= MOST_ATTEMPTS,
+                "trial {id} was run {MOST_ATTEMPTS} times and is still open; check that {} can be read and written",
+                sweep.folder.journals().display()
+            );
             perform(sweep, &job, manner, &mut journal, stop)?;
             drop(lock);
             idle = None;
         } else if sweep.wants_suggestions() {
             suggest(sweep, &mut journal)?;
         } else if open.is_empty()
-            || sweep.space.halving.is_none() && idle.get_or_insert_with(Instant::now).elapsed() > GRACE
+            || sweep.space.halving.is_none() && idle.get_or_insert_with(Instant::now).elapsed() > patience(sweep, &open)
         {
             // Trials held by others are theirs; with halving, their results can make new work.
             break;
@@ -93,6 +107,13 @@ pub fn work(sweep: &mut Sweep, manner: Manner, stop: &Arc<AtomicBool>) -> Result
         bail!(Interrupted::new("checkpoints are written; the same command goes on"));
     }
     Ok(())
+}
+
+/// Returns the time to wait for trials that others hold.
+fn patience(sweep: &Sweep, open: &[Job]) -> Duration {
+    let mut ids = open.iter().map(|job| &sweep.plan.trials[job.trial].id);
+    // Whether the holder of a claim is gone shows only after a while.
+    if ids.any(|id| sweep.folder.is_claimed(id)) { Claim::DEAD + GRACE } else { GRACE }
 }
 
 /// Takes the first job that no other worker holds, and that is still open once it is locked.
@@ -132,7 +153,8 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
     let checkpoints = folder.join("checkpoints");
     // Recorded before anything that could end the process.
     let begun = last_checkpoint(&checkpoints);
-    journal.add(Event::Started { trial: trial.id.clone(), step: begun })?;
+    let attempt = 1 + sweep.ledger.record(&trial.id).map_or(0, Record::attempt);
+    journal.add(Event::Started { trial: trial.id.clone(), attempt, step: begun })?;
     let outcome = {
         let mut last = None::<Instant>;
         let mut watch = |progress: &Progress| {
@@ -163,16 +185,20 @@ fn perform(sweep: &Sweep, job: &Job, manner: Manner, journal: &mut Journal, stop
         Ok(Ok(finished)) => {
             let step = finished.summary.steps;
             match job.until {
-                _ if !finished.summary.interrupted => Event::Done { trial: id, measures: finished.measures, seconds },
-                Some(until) if step >= until => {
-                    Event::Rung { trial: id, step: until, measures: finished.measures, seconds }
+                _ if !finished.summary.interrupted => {
+                    Event::Done { trial: id, attempt, measures: finished.measures, seconds }
                 }
-                _ => Event::Stopped { trial: id, step, seconds },
+                Some(until) if step >= until => {
+                    Event::Rung { trial: id, attempt, step: until, measures: finished.measures, seconds }
+                }
+                _ => Event::Stopped { trial: id, attempt, step, seconds },
             }
         }
-        Ok(Err(error)) if error.is::<Interrupted>() => Event::Stopped { trial: id, step: begun, seconds },
-        Ok(Err(error)) => Event::Failed { trial: id, reason: format!("{error:#}") },
-        Err(_) => Event::Failed { trial: id, reason: "the program panicked; the worker's log says where".into() },
+        Ok(Err(error)) if error.is::<Interrupted>() => Event::Stopped { trial: id, attempt, step: begun, seconds },
+        Ok(Err(error)) => Event::Failed { trial: id, attempt, reason: format!("{error:#}") },
+        Err(_) => {
+            Event::Failed { trial: id, attempt, reason: "the program panicked; the worker's log says where".into() }
+        }
     };
     journal.add(event)
 }

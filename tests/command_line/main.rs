@@ -10,6 +10,7 @@ mod every_command;
 mod export;
 mod generated;
 #[cfg(target_os = "linux")]
+mod inputs;
 mod interruption;
 mod lost_work;
 mod names;
