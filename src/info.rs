@@ -118,7 +118,8 @@ fn picture(path: &Path) -> Result<Facts> {
     if let Some(layout) = layout {
         facts.push(fact("layout", layout.to_string()));
     }
-    if layout.is_some() || attributes.is_empty() && image.width == 2 * image.height {
+    let is_rendering = attributes.iter().any(|(name, _)| name == "headtail.version");
+    if layout.is_some() || !is_rendering && image.width == 2 * image.height {
         facts[0].1 =
             if layout.is_some() { "an environment map" } else { "a lat-long map or a picture of 2 : 1" }.into();
         let environment = Environment::load(path, &MapSpec::default())?;
