@@ -28,7 +28,7 @@ pub struct OutputFile {
     target: PathBuf,
     /// Name in the record.
     name: String,
-    /// Dropped once this process writes the file.
+    /// Dropped once this process has written the file.
     planned: Mutex<Option<Planned>>,
     lock: PathBuf,
     _held: File,
@@ -86,10 +86,11 @@ impl OutputFile {
     /// # Errors
     /// Those of `write`, and if the record cannot be written.
     pub fn write<T, E: Into<anyhow::Error>>(&self, write: impl FnOnce(&Path) -> Result<T, E>) -> Result<T> {
-        drop(self.planned.lock().unwrap_or_else(PoisonError::into_inner).take());
         // Recorded first, so that a kill in between leaves no unknown file.
         self.record(None)?;
         let written = write(&self.path).map_err(Into::into)?;
+        // From now on, this process may read its own result.
+        drop(self.planned.lock().unwrap_or_else(PoisonError::into_inner).take());
         self.record(Some(self.digest().with_context(|| self.path.display().to_string())?))?;
         Ok(written)
     }

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use serde::Serialize;
 use toml::Value;
 
-use super::{Sweep, journal::Record, plan::Trial, status::State};
+use super::{Sweep, plan::Trial, record::Record, status::State};
 use crate::run::Measures;
 
 /// A trial with its state and results.

@@ -14,7 +14,7 @@ use std::{
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 
-use super::space::Assignment;
+use super::{record::Record, space::Assignment};
 use crate::run::Measures;
 
 /// One line of a journal.
@@ -150,63 +150,6 @@ pub fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
-/// Merged events of a trial.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Record {
-    /// Figures at rungs, by steps.
-    pub rungs: BTreeMap<usize, Measures>,
-    /// Final figures.
-    pub done: Option<Measures>,
-    /// Attempt and reason of the last failure.
-    failure: Option<(u64, String)>,
-    /// Last attempt that was retried.
-    retry: Option<u64>,
-    /// Attempt and step of each start.
-    starts: Vec<(u64, usize)>,
-    /// Last attempt that ended regularly.
-    stop: Option<u64>,
-    /// Seconds of work that ended regularly.
-    pub seconds: f64,
-}
-
-/// Starts at the same step without a later event after which a trial counts as failed.
-const MOST_STARTS: usize = 5;
-
-impl Record {
-    /// Returns the reason of its failure, unless it may run again.
-    pub fn failure(&self) -> Option<String> {
-        if self.done.is_some() {
-            return None;
-        }
-        if let Some((_, reason)) = self.failure.as_ref().filter(|(attempt, _)| Some(*attempt) > self.retry) {
-            return Some(reason.clone());
-        }
-        let after = self.retry.max(self.stop);
-        let mut starts: Vec<usize> =
-            self.starts.iter().filter(|(attempt, _)| Some(*attempt) > after).map(|(_, step)| *step).collect();
-        starts.sort_unstable();
-        let lost = starts.windows(MOST_STARTS + 1).find(|window| window.first() == window.last());
-        lost.map(|window| format!("ended {MOST_STARTS} times after step {} without a word", window[0]))
-    }
-
-    /// Whether work was started and has neither ended regularly nor failed since.
-    pub fn is_open(&self) -> bool {
-        let last = self.starts.iter().map(|(attempt, _)| *attempt).max();
-        self.done.is_none() && last > self.stop.max(self.failure.as_ref().map(|(attempt, _)| *attempt))
-    }
-
-    /// Returns the number of the last attempt; 0 before the first, and in journals without such numbers.
-    pub fn attempt(&self) -> u64 {
-        let started = self.starts.iter().map(|(attempt, _)| *attempt).max();
-        started.max(self.failure.as_ref().map(|(attempt, _)| *attempt)).max(self.retry).max(self.stop).unwrap_or(0)
-    }
-
-    /// Returns the number of starts.
-    pub fn starts(&self) -> usize {
-        self.starts.len()
-    }
-}
-
 /// All journals of a folder, merged. The order of files, and of lines of different files, does not matter.
 #[derive(Debug, Default)]
 pub struct Ledger {
@@ -271,7 +214,7 @@ impl Ledger {
             Event::Suggested { number, assignment } => {
                 self.suggested.entry(number).or_insert(assignment);
             }
-            Event::Started { trial, attempt, step } => self.of(trial).starts.push((attempt, step)),
+            Event::Started { trial, attempt, step } => self.of(trial).start(attempt, step),
             Event::Stopped { trial, attempt, seconds, .. } => self.of(trial).end(attempt, seconds),
             Event::Rung { trial, attempt, step, measures, seconds } => {
                 let record = self.of(trial);
@@ -283,14 +226,8 @@ impl Ledger {
                 record.end(attempt, seconds);
                 record.done = Some(measures);
             }
-            Event::Failed { trial, attempt, reason } => {
-                let record = self.of(trial);
-                record.failure = record.failure.take().max(Some((attempt, reason)));
-            }
-            Event::Retry { trial, attempt } => {
-                let record = self.of(trial);
-                record.retry = record.retry.max(Some(attempt));
-            }
+            Event::Failed { trial, attempt, reason } => self.of(trial).fail(attempt, reason),
+            Event::Retry { trial, attempt } => self.of(trial).retry(attempt),
         }
     }
 
@@ -306,13 +243,6 @@ impl Ledger {
     /// Returns the suggested configurations in order.
     pub fn suggested(&self) -> Vec<Assignment> {
         self.suggested.values().cloned().collect()
-    }
-}
-
-impl Record {
-    fn end(&mut self, attempt: u64, seconds: f64) {
-        self.seconds += seconds;
-        self.stop = self.stop.max(Some(attempt));
     }
 }
 

@@ -21,8 +21,8 @@ use super::{
     Sweep,
     estimate::{Estimate, WorkAmount},
     jobs,
-    journal::Record,
     location::{Checkpoints, SweepLocation},
+    record::Record,
     status,
     worker::Tick,
 };

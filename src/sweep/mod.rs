@@ -4,7 +4,8 @@
 //! | --- | --- |
 //! | `space.rs`, `axis.rs` | the space; the values of one setting |
 //! | `plan.rs` | trials and their identities |
-//! | `journal.rs`, `folder.rs` | what workers write; the folder and its locks |
+//! | `journal.rs`, `record.rs` | what workers write; the events of a trial |
+//! | `folder.rs` | the folder and its locks |
 //! | `jobs.rs`, `halving.rs`, `search.rs` | the next work; successive halving; Parzen estimators |
 //! | `worker.rs`, `local.rs` | a worker; worker processes on this machine |
 //! | `slurm.rs`, `queue.rs` | array jobs; the state of jobs |
@@ -28,6 +29,7 @@ mod local;
 mod location;
 mod plan;
 mod queue;
+mod record;
 mod report;
 mod retry;
 mod search;

@@ -4,7 +4,8 @@ use anyhow::Result;
 
 use super::{
     Sweep,
-    journal::{Event, Journal, Record},
+    journal::{Event, Journal},
+    record::Record,
 };
 
 use crate::terminal::say;

@@ -7,9 +7,9 @@ use serde::{Serialize, Serializer};
 
 use super::{
     Sweep,
-    journal::Record,
     plan::{self, Trial},
     queue::Queue,
+    record::Record,
     space::Assignment,
 };
 use crate::report::number::duration;

@@ -20,8 +20,10 @@ use super::{
     Sweep,
     folder::Lock,
     jobs::{self, Job},
-    journal::{Event, Journal, Record},
-    plan, search,
+    journal::{Event, Journal},
+    plan,
+    record::Record,
+    search,
 };
 use crate::{
     output::Claim,

@@ -28,7 +28,12 @@ fn cases<'a>() -> Vec<Case<'a>> {
         (format!("{render} mis --env overcast --out a.exr").replace("sphere", "IN"), "scene.gltf", "a.png"),
         (format!("{compare} --env IN --out c"), "map.exr", "c/reference.exr"),
         (format!("{compare} --env IN --out c"), "map.exr", "c/mis_1spp_error.exr"),
-        (format!("{compare},direct:IN --env overcast --reference-spp 1 --out c"), "table", "c/report.html"),
+        (
+            format!("{compare} --samplers direct:IN --env overcast --reference-spp 1 --out c")
+                .replace("--samplers mis ", ""),
+            "table",
+            "c/report.html",
+        ),
         (format!("{compare} --env overcast --reference IN --out c"), "picture.exr", "c/mis_1spp.exr"),
         (format!("{composite} --env IN --photo map.exr --camera camera.fspy"), "map.exr", "both/layers.exr"),
         (format!("{composite} --env overcast --photo IN --camera camera.fspy"), "map.exr", "both/composite.exr"),
@@ -129,7 +134,12 @@ fn outputs_that_are_inputs_are_rejected_by_every_command() {
                 let said = text(&result.stderr);
                 assert_eq!(result.status.code(), Some(1), "{arguments}, {kind}: {said}");
                 let is_named = said.contains("also an") || said.contains("not a log of headtail");
-                assert!(is_named && !said.contains("--force"), "{arguments}, {kind}, forced: {is_forced}: {said}");
+                // Files in a folder are not known before it is read.
+                let is_hidden = !is_forced && !arguments.contains("IN");
+                assert!(
+                    is_hidden || is_named && !said.contains("--force"),
+                    "{arguments}, {kind}, forced: {is_forced}: {said}"
+                );
                 let is_kept = fs::read(&source).unwrap() == before && headtail_render::file::is_same(&source, &target);
                 assert!(is_kept, "{arguments}, {kind}, forced: {is_forced}");
             }

@@ -21,6 +21,7 @@ mod print;
 mod refusals;
 mod samplers;
 mod sweep;
+mod sweep_nodes;
 mod sweep_page;
 mod visibility;
 
