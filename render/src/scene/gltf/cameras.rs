@@ -53,7 +53,13 @@ impl<'a> PlacedCamera<'a> {
         let motion = rigid(&(DAffine3::from_translation(-origin) * self.to_world));
         let opened = match (camera.kind.as_str(), &camera.perspective, &camera.orthographic) {
             ("perspective", Some(own), _) => perspective(motion, parsed::<Perspective>(own)?.yfov),
-            ("orthographic", _, Some(own)) => Camera::orthographic(motion, parsed::<Orthographic>(own)?.ymag.abs()),
+            ("orthographic", _, Some(own)) => {
+                let Orthographic { ymag } = parsed(own)?;
+                if !(ymag.is_finite() && ymag != 0.0) {
+                    return Err(format!("orthographic.ymag: {ymag} is not a height"));
+                }
+                Camera::orthographic(motion, ymag.abs())
+            }
             ("perspective" | "orthographic", ..) => return Err("has none of its projection".into()),
             _ => return Err("type: is not a camera type of glTF".into()),
         };
@@ -82,11 +88,11 @@ fn perspective(motion: Affine3A, vertical_fov: f32) -> crate::error::Result<Came
 /// vertical are kept, and of one that flattens an axis, the two others. `Camera` checks that it is a rotation.
 fn rigid(to_world: &DAffine3) -> Affine3A {
     // In 64 bits, the squares of small scales do not vanish.
-    let [x, y, z] = [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis]
-        .map(|axis| axis.normalize_or_zero());
+    let [x, y, z] =
+        [to_world.matrix3.x_axis, to_world.matrix3.y_axis, to_world.matrix3.z_axis].map(DVec3::normalize_or_zero);
     let back = if z == DVec3::ZERO { x.cross(y).normalize_or_zero() } else { z };
     let up = if y == DVec3::ZERO { back.cross(x) } else { y };
     let up = up.reject_from_normalized(back).normalize_or_zero();
-    let axes = [up.cross(back), up, back].map(|axis| axis.as_vec3a());
+    let axes = [up.cross(back), up, back].map(DVec3::as_vec3a);
     Affine3A { matrix3: Mat3A::from_cols(axes[0], axes[1], axes[2]), translation: to_world.translation.as_vec3a() }
 }

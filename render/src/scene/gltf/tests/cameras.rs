@@ -47,7 +47,7 @@ fn first_perspective_camera_of_the_scene_is_selected() {
 #[test]
 fn broken_cameras_matter_only_when_they_are_chosen() {
     let broken = [
-        (orthographic(0.0), "cameras[1]: field of view"),
+        (orthographic(0.0), "cameras[1]: orthographic.ymag: 0 is not a height"),
         (perspective(4.0), "cameras[1]: vertical field of view"),
         (json!({"type": "perspective", "perspective": {}}), "cameras[1]: missing field `yfov`"),
         (json!({"type": "orthographic"}), "cameras[1]: has none of its projection"),
