@@ -292,7 +292,7 @@ fn photographs_keep_values_that_are_not_radiance() {
     let light = |x: f32| photograph.sample(glam::Vec2::new(x, 0.5)).unwrap().to_array();
     assert_eq!((light(0.5), light(1.5)), ([4.0, 3.0, 2.0], [0.0, 0.25, 0.0]));
     assert_eq!(photograph.resized(2, 1).image.pixels[0], [1.75, 1.625, 1.0]);
-    let said: Vec<&str> = photograph.remarks.iter().map(|remark| remark.text()).collect();
+    let said: Vec<&str> = photograph.remarks.iter().map(headtail_render::remark::Remark::text).collect();
     for word in ["infinite", "negative", "NaN"] {
         assert!(said.iter().any(|text| text.contains(word)), "{said:?}");
     }

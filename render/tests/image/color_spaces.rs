@@ -115,14 +115,12 @@ fn luminance_and_chroma_become_colors_by_the_primaries_of_the_file() {
     for (chromaticities, weights) in [(None, [0.2126, 0.7152, 0.0722]), (Some(REC_2020), [0.2627, 0.678, 0.0593])] {
         let colors = [[2.0, 1.0, 0.5], [0.0, 0.0, 0.0], [0.25, 0.25, 0.25], [0.1, 0.0, 3.0]];
         let luminance = |c: [f32; 3]| weights[0] * c[0] + weights[1] * c[1] + weights[2] * c[2];
-        let chroma = |value: f32, y: f32| if y > 0.0 { value / y - 1.0 } else { 0.0 };
-        let of = |channel: fn([f32; 3], f32, &dyn Fn(f32, f32) -> f32) -> f32| {
-            flat(FlatSamples::F32(colors.iter().map(|&c| channel(c, luminance(c), &chroma)).collect()))
-        };
+        let chroma = |c: [f32; 3], k: usize| if luminance(c) > 0.0 { c[k] / luminance(c) - 1.0 } else { 0.0 };
+        let samples = |of: &dyn Fn([f32; 3]) -> f32| flat(FlatSamples::F32(colors.iter().map(|&c| of(c)).collect()));
         let channels = vec![
-            AnyChannel::new("BY", of(|c, y, chroma| chroma(c[2], y))),
-            AnyChannel::new("RY", of(|c, y, chroma| chroma(c[0], y))),
-            AnyChannel::new("Y", of(|_, y, _| y)),
+            AnyChannel::new("BY", samples(&|c| chroma(c, 2))),
+            AnyChannel::new("RY", samples(&|c| chroma(c, 0))),
+            AnyChannel::new("Y", samples(&luminance)),
         ];
         let encoding = scan_lines(exr::prelude::Compression::ZIP16);
         let channels = AnyChannels::sort(channels.into());

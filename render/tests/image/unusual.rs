@@ -106,7 +106,8 @@ fn half_precision_infinity_becomes_the_largest_value_of_a_map() {
     let folder = tempfile::tempdir().unwrap();
     let map = Environment::open(write(folder.path(), "half.exr", &bytes).to_str().unwrap()).unwrap();
     assert_eq!(map.to_image().pixels[..4], [[65504.0; 3], [0.0; 3], [0.0; 3], [1.0; 3]]);
-    let said: Vec<&str> = map.remarks().iter().filter(|remark| remark.is_warning()).map(|r| r.text()).collect();
+    let said: Vec<&str> =
+        map.remarks().iter().filter(|remark| remark.is_warning()).map(headtail_render::remark::Remark::text).collect();
     assert!(
         said.iter().any(|text| text.contains("3 channel values were infinite and were replaced by 65504")),
         "{said:?}"
