@@ -130,6 +130,8 @@ fn second_signals_end_at_once_and_keep_runs() {
     wait_for_runs(&results, 2);
     // Pages are written less often than they take: on a busy machine, that of the second run is left out.
     wait_for_page(&results, " of 4 runs are done");
+    // Until the third run, which takes hours, has begun.
+    sleep(Duration::from_secs(2));
     signal(&process, "-INT");
     sleep(Duration::from_millis(500));
     signal(&process, "-TERM");
