@@ -12,7 +12,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
 use headtail_render::{file, image::write_exr, memory, spec::SamplerSpec};
-use running::{RunningComparison, picture_names};
+use running::{RunningComparison, names_of, stems_of};
 use samplers::SamplerList;
 
 use crate::terminal::{self, say};
@@ -124,8 +124,9 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     let budgets = budgets(arguments)?;
     let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
     check_different("--samplers", specs.iter().map(ToString::to_string))?;
-    let files: Vec<Option<PathBuf>> = specs.iter().map(|spec| spec.path().map(|(_, file)| file.to_owned())).collect();
-    output.plan(&picture_names(&specs, &files, &budgets))?;
+    let stems = stems_of(&specs);
+    let pictures = stems.iter().flat_map(|stem| budgets.iter().map(move |budget| names_of(stem, &budget.to_string())));
+    output.plan(&pictures.flatten().collect::<Vec<_>>())?;
     if arguments.reference.is_none() {
         output.plan(&["reference.exr".into()])?;
     }
@@ -173,7 +174,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         preparation,
         state: State::Running { planned },
     };
-    let mut running = RunningComparison::new(&opened, (&entries, &files), &stop, output, comparison, reference.noise)?;
+    let mut running = RunningComparison::new(&opened, (&entries, stems), &stop, output, comparison, reference.noise)?;
     let ran = running.run_all(&mut reference, &plan);
     if ran.is_err() && !running.comparison.rows.is_empty() {
         // Keeps completed runs where possible; the first error is the one reported.

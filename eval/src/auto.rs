@@ -194,8 +194,8 @@ fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
     (found.coverage(scene, camera, STEPS[1]) >= COVERED).then_some(found.portals)
 }
 
-/// Returns the index of the most efficient candidate that missed no light: the first one, unless another is better by
-/// [`MARGIN`].
+/// Returns the index of the most efficient candidate that missed no light: the first one, unless another is
+/// better by [`MARGIN`].
 fn best_of(trials: &[Trial]) -> usize {
     let price = |k: usize| trials[k].price() * if k == 0 { 1.0 } else { MARGIN };
     let eligible = (0..trials.len()).filter(|&k| !trials[k].missed_light(trials));

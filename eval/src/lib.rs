@@ -64,5 +64,5 @@ pub use runner::{Outcome, RunOptions, run};
 pub use sample_time::nanoseconds_per_sample;
 pub use store::{Record, Store, VerifiedSources};
 pub use timing_baseline::TimingBaseline;
-pub use verification::{Verification, verify};
+pub use verification::{RAYS, Verification, verify};
 pub use view::{CameraSettings, OpenedView, ViewSettings, part_text};

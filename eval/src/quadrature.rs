@@ -127,7 +127,7 @@ mod tests {
     use headtail_render::{
         brdf::{Ggx, Lambert, Surface},
         environment::built_in,
-        tail::TailKind,
+        tail::{Tail, TailKind},
     };
 
     /// Reflection of a constant map by a white diffuse and a mirror-like surface, and the solid angle of a
@@ -199,7 +199,9 @@ mod tests {
             })
             .sum();
         for kind in [TailKind::Hierarchical, TailKind::RowColumn] {
-            let light = EnvironmentLight::new(map.clone(), kind).unwrap();
+            // In proportion to the light itself, which samplers of so uneven a map are not.
+            let tail = Tail::new(kind, width, height, &(0..width * height).map(value).collect::<Vec<_>>()).unwrap();
+            let light = EnvironmentLight::with_tail(map.clone(), Arc::new(tail));
             let integral = |map_rows, seed| {
                 let quadrature =
                     Quadrature::new(&light, QuadratureShape { strata: 250, map_rows, brdf_strata: 0, seed });

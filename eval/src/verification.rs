@@ -12,7 +12,7 @@ use crate::{
 /// Tolerance of the mean luminance.
 const MEAN: f64 = 1e-2;
 /// Tolerance of rays per sample: a camera ray in 100,000 may meet another surface, as at the edges of meshes.
-const RAYS: f64 = 1e-5;
+pub const RAYS: f64 = 1e-5;
 
 /// Result of a verification.
 #[derive(Debug, Default)]
@@ -24,8 +24,8 @@ pub struct Verification {
 }
 
 /// Renders first runs of `views` measured views again, evenly chosen, with the same numbers of samples, and
-/// compares rays per sample within 1e-5, largest contributions to the digit, and the mean luminance within 1 %. Skips pictures
-/// of `auto` at budgets of seconds, whose sampler depends on the clock.
+/// compares rays per sample within [`RAYS`], largest contributions to the digit, and the mean luminance within
+/// 1 %. Skips pictures of `auto` at budgets of seconds, whose sampler depends on the clock.
 ///
 /// The mean was taken over the pixels that surfaces cover entirely in the reference. Those of the picture itself differ from them at
 /// edges, which usually is less than the tolerance; where it is not, as beside a bright window, the reference is obtained.

@@ -1,13 +1,9 @@
 //! Runs of a comparison as files, written after each run.
 
-use std::{
-    cell::OnceCell,
-    path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
-};
+use std::{cell::OnceCell, path::Path, sync::atomic::AtomicBool};
 
 use anyhow::Result;
-use headtail_eval::{Budget, Entry, Measurement, Noise, OpenedView, Plan, Reference, Run, Watch, measure};
+use headtail_eval::{Entry, Measurement, Noise, OpenedView, Plan, Reference, Run, Watch, measure};
 use headtail_render::{
     image::{Image, write_exr},
     spec::SamplerSpec,
@@ -39,21 +35,19 @@ pub struct RunningComparison<'a> {
 }
 
 impl<'a> RunningComparison<'a> {
-    /// Prepares the runs of `comparison`, which has none yet; results are written to `output`.
+    /// Prepares the runs of `comparison`, which has none yet; results are written to `output`, pictures under
+    /// the names of `stems`.
     ///
     /// # Errors
     /// If the folder's record cannot be written.
     pub fn new(
         opened: &'a OpenedView,
-        (entries, files): (&'a [Entry], &[Option<PathBuf>]),
+        (entries, stems): (&'a [Entry], Vec<String>),
         stop: &'a AtomicBool,
         output: &'a OutputFolder,
         comparison: Comparison,
         noise: Option<Noise>,
     ) -> Result<Self> {
-        let names: Vec<(&str, Option<&Path>)> =
-            entries.iter().zip(files).map(|(entry, file)| (&*entry.name, file.as_deref())).collect();
-        let stems = file_names(&names);
         let report = Report::new(output.path());
         for name in ["results.csv", "report.html"] {
             output.file(name)?;
@@ -187,18 +181,15 @@ fn error_image(image: &Image, reference: &Image, covered: &[bool]) -> Image {
 /// Longer names are cut: file systems allow 255 bytes, some of which budget and extension need.
 const LONGEST_NAME: usize = 120;
 
-/// Returns the names of all pictures of samplers and their errors.
-pub fn picture_names(specs: &[&SamplerSpec], files: &[Option<PathBuf>], budgets: &[Budget]) -> Vec<String> {
+/// Returns distinct parts of file names for SPECs.
+pub fn stems_of(specs: &[&SamplerSpec]) -> Vec<String> {
     let labels: Vec<String> = specs.iter().map(ToString::to_string).collect();
-    let names: Vec<_> = labels.iter().map(String::as_str).zip(files.iter().map(Option::as_deref)).collect();
-    let of_stem = |stem: &String| -> Vec<String> {
-        budgets.iter().flat_map(|budget| names_of(stem, &budget.to_string())).collect()
-    };
-    file_names(&names).iter().flat_map(of_stem).collect()
+    let files = specs.iter().map(|spec| spec.path().map(|(_, file)| file));
+    file_names(&labels.iter().map(String::as_str).zip(files).collect::<Vec<_>>())
 }
 
 /// Returns the names of a sampler's picture and of its errors.
-fn names_of(stem: &str, budget: &str) -> [String; 2] {
+pub fn names_of(stem: &str, budget: &str) -> [String; 2] {
     [format!("{stem}_{budget}.exr"), format!("{stem}_{budget}_error.exr")]
 }
 

@@ -9,7 +9,7 @@ use std::{
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail};
 use headtail_render::{
     file,
     path_text::{path_of, text_of},
@@ -45,9 +45,14 @@ pub fn watch() {
     });
 }
 
+/// Returns the path by which this process opened a file as an input.
+fn input_at(path: &Path) -> Option<PathBuf> {
+    files().opened.iter().find(|input| file::is_same(input, path)).cloned()
+}
+
 /// Whether a path leads to a file that this process opened as an input.
 pub fn is_input(path: &Path) -> bool {
-    files().opened.iter().any(|input| file::is_same(input, path))
+    input_at(path).is_some()
 }
 
 /// Returns what to do about an output that exists. An argument other than that of `--out` or `--file` may name
@@ -75,11 +80,8 @@ pub fn advice(path: &Path) -> &'static str {
 /// # Errors
 /// See above.
 pub fn check_output(path: &Path) -> Result<()> {
-    let files = files();
-    let input = files.opened.iter().find(|input| file::is_same(input, path));
-    let name = input.map(|input| input.display().to_string()).unwrap_or_default();
-    ensure!(input.is_none(), "{}: the output is also an input, {name}; name another output", path.display());
-    Ok(())
+    let Some(input) = input_at(path) else { return Ok(()) };
+    bail!("{}: the output is also an input, {}; name another output", path.display(), input.display())
 }
 
 /// A file that this command will replace; until this is dropped, it cannot be opened as an input.

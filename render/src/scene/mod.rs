@@ -272,9 +272,9 @@ impl Scene {
         Some(self.surface(ray, &hits[0]?, 0.0))
     }
 
-    /// Intersects many rays of a camera: fills a tile with the surfaces hit and appends to `indices` the rays that hit
-    /// something, in order. `key` returns the key of a ray's shading point; `spread` is the angle in radians
-    /// between the rays of neighbouring pixels.
+    /// Intersects many rays of a camera: fills a tile with the surfaces hit and appends to `indices` the rays
+    /// that hit something, in order. `key` returns the key of a ray's shading point; `spread` is the angle in
+    /// radians between the rays of neighbouring pixels.
     pub fn intersect_batch(
         &self,
         rays: &[Ray],
@@ -286,8 +286,8 @@ impl Scene {
         self.intersect_and_emit((RayKind::Camera, rays), spread, key, tile, indices, None);
     }
 
-    /// [`Self::intersect_batch`] for rays of a kind that also appends the radiance emitted by each surface to `emission`, if
-    /// given.
+    /// [`Self::intersect_batch`] for rays of a kind that also appends the radiance emitted by each surface to
+    /// `emission`, if given.
     pub(crate) fn intersect_and_emit(
         &self,
         (kind, rays): (RayKind, &[Ray]),

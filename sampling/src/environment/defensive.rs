@@ -17,17 +17,9 @@ const MOST: f64 = 1024.0;
 /// Unevenness is the mean of `mean / luminance` over directions with light: the second moment of the sample weights
 /// with which the map's luminance samples uniform light, as seen where its lamps are hidden.
 pub fn least_luminance(width: usize, height: usize, luminance: &[f32]) -> f32 {
-    let (mut light, mut sphere, mut lit, mut reciprocals) = (0.0, 0.0, 0.0, 0.0);
-    for (weight, row) in row_weights(height).zip(luminance.chunks_exact(width)) {
-        sphere += weight * width as f64;
-        for &value in row.iter().filter(|&&value| value > 0.0) {
-            light += weight * f64::from(value);
-            lit += weight;
-            reciprocals += weight / f64::from(value);
-        }
-    }
-    let mean = light / sphere;
-    if reciprocals * mean > MOST * lit { (FLOOR * mean) as f32 } else { 0.0 }
+    let of_texel = |value: f64| if value > 0.0 { [value, 1.0, 1.0 / value] } else { [0.0; 3] };
+    let [mean, lit, reciprocal] = solid_angle_means(width, height, luminance, of_texel);
+    if reciprocal * mean > MOST * lit { (FLOOR * mean) as f32 } else { 0.0 }
 }
 
 /// Returns the luminance that samplers assume of a texel.
@@ -35,9 +27,25 @@ pub fn raised(luminance: f32, least: f32) -> f32 {
     if luminance > 0.0 { luminance.max(least) } else { luminance }
 }
 
-/// The solid angle of a texel of each row, up to a factor.
-pub fn row_weights(height: usize) -> impl Iterator<Item = f64> {
-    (0..height).map(move |row| (std::f64::consts::PI * row as f64 / (height - 1) as f64).sin().max(1e-6))
+/// Returns the means over the sphere of functions of a map's values.
+pub fn solid_angle_means<const N: usize>(
+    width: usize,
+    height: usize,
+    values: &[f32],
+    functions: impl Fn(f64) -> [f64; N],
+) -> [f64; N] {
+    let (mut sums, mut weights) = ([0.0; N], 0.0);
+    for (row, values) in values.chunks_exact(width).enumerate() {
+        let weight = (std::f64::consts::PI * row as f64 / (height - 1) as f64).sin().max(1e-6);
+        let mut of_row = [0.0; N];
+        for &value in values {
+            let found = functions(f64::from(value));
+            (0..N).for_each(|k| of_row[k] += found[k]);
+        }
+        (0..N).for_each(|k| sums[k] += weight * of_row[k]);
+        weights += weight * width as f64;
+    }
+    sums.map(|sum| sum / weights)
 }
 
 #[cfg(test)]

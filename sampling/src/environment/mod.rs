@@ -17,7 +17,7 @@ mod map_file;
 
 pub use bilinear::{Corners, invert_linear, sample_linear};
 pub use built_in::{BUILT_IN_NAMES, built_in};
-pub(crate) use defensive::row_weights;
+pub(crate) use defensive::solid_angle_means;
 pub use density::BilinearDensity;
 pub use map_file::MapSpec;
 
@@ -155,15 +155,18 @@ impl Environment {
     /// 1/64 of the map's mean in maps with extreme lamps (`environment/defensive.rs`), so that light beside a
     /// hidden lamp is sampled.
     pub fn luminance(&self) -> Vec<f32> {
-        let of_texel = |&[red, green, blue, _]: &[f32; 4]| {
-            defensive::raised(luminance(Vec3A::new(red, green, blue)), self.least_luminance)
-        };
+        let of_texel = |&[red, green, blue, _]: &[f32; 4]| self.raised(luminance(Vec3A::new(red, green, blue)));
         self.texels.iter().map(of_texel).collect()
     }
 
-    /// The least of [`Self::luminance`] at texels that are not black; 0 without extreme lamps.
-    pub(crate) fn least_luminance(&self) -> f32 {
-        self.least_luminance
+    /// Whether [`Self::luminance`] differs from that of the texels.
+    pub(crate) fn has_extreme_lamps(&self) -> bool {
+        self.least_luminance > 0.0
+    }
+
+    /// Returns the luminance to which samplers are proportional where the map has this one.
+    pub(crate) fn raised(&self, luminance: f32) -> f32 {
+        defensive::raised(luminance, self.least_luminance)
     }
 
     /// The normalised density of [`Self::luminance`] over X.

@@ -20,8 +20,8 @@ use crate::{
 
 /// Streaming RIS (Talbot et al. 2005, with a weighted reservoir) over `candidates` draws that alternate
 /// between two techniques, with balance-heuristic weights between them. The target is the luminance of light
-/// x BRDF x cosine without visibility; the light is that of [`Environment::luminance`], so that a hidden lamp does not
-/// always survive.
+/// x BRDF x cosine without visibility; the light is that of [`Environment::luminance`], so that a hidden lamp
+/// does not always survive.
 ///
 /// The pdf of the surviving direction has no closed form, only an unbiased estimate of its reciprocal: RIS is
 /// an estimator, not a sampler, and cannot be combined by MIS.
@@ -149,8 +149,7 @@ impl<A: Sampler, B: Sampler> Ris<A, B> {
 impl<A, B> Ris<A, B> {
     /// Raises targets under extreme lamps, as [`Environment::luminance`] does.
     fn raise(&self, wi: [&[Lanes]; 3], targets: &mut [Lanes], arena: &Arena) {
-        let least = self.environment.least_luminance();
-        if least == 0.0 {
+        if !self.environment.has_extreme_lamps() {
             return;
         }
         let mut radiance = arena.columns::<3>(targets.len());
@@ -158,7 +157,8 @@ impl<A, B> Ris<A, B> {
         let [red, green, blue] = radiance.get().map(<[Lanes]>::as_flattened);
         for (place, target) in targets.as_flattened_mut().iter_mut().enumerate() {
             let luminance = luminance(Vec3A::new(red[place], green[place], blue[place]));
-            *target *= if luminance > 0.0 && luminance < least { least / luminance } else { 1.0 };
+            // Where there is no light, the target is 0 already.
+            *target *= if luminance > 0.0 { self.environment.raised(luminance) / luminance } else { 1.0 };
         }
     }
 }

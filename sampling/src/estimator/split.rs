@@ -58,8 +58,7 @@ pub(super) fn propose_mean(
     let mut state = arena.columns::<1>(sampler.columns() * at.strips());
     timed(Stage::Sampling, || sampler.prepare(at, state.get_mut()[0], arena));
     for index in 0..directions {
-        let several = Dimension::Candidate { technique: 0, index, of: directions };
-        points.draw(if directions == 1 { Dimension::Light(0) } else { several }, at, [&mut *u, &mut *v]);
+        points.draw(Dimension::of_several(0, index, directions), at, [&mut *u, &mut *v]);
         timed(Stage::Sampling, || {
             let out = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
             sampler.sample(at, state.get()[0], [&*u, &*v], out, arena);

@@ -72,24 +72,15 @@ impl<A: Sampler, B: Sampler> TwoSampleMis<A, B> {
     }
 }
 
-impl<A, B> TwoSampleMis<A, B> {
-    /// Returns the dimension of a technique's draw.
-    fn dimension(&self, technique: u32, index: u32) -> Dimension {
-        match self.pairs {
-            1 => Dimension::Light(technique),
-            of => Dimension::Candidate { technique, index, of },
-        }
-    }
-}
-
 impl<A: Sampler, B: Sampler> Estimator for TwoSampleMis<A, B> {
     fn propose(&self, at: &Rows<'_>, points: &Points, out: &mut Contributions, arena: &Arena) {
         prepared(&self.first, at, arena, |first| {
             prepared(&self.second, at, arena, |second| {
                 let (first, second) = ((&self.first as &dyn Sampler, first), (&self.second as &dyn Sampler, second));
                 for index in 0..self.pairs {
-                    self.half(at, [first, second], (points, self.dimension(0, index)), out, arena);
-                    self.half(at, [second, first], (points, self.dimension(1, index)), out, arena);
+                    let dimension = |technique: u32| Dimension::of_several(technique, index, self.pairs);
+                    self.half(at, [first, second], (points, dimension(0)), out, arena);
+                    self.half(at, [second, first], (points, dimension(1)), out, arena);
                 }
             });
         });

@@ -70,6 +70,11 @@ struct Address {
 }
 
 impl Dimension {
+    /// The direction of draw `index` of `of` from a technique, 0 or 1.
+    pub(crate) fn of_several(technique: u32, index: u32, of: u32) -> Self {
+        if of == 1 { Self::Light(technique) } else { Self::Candidate { technique, index, of } }
+    }
+
     fn address(self, bounce: u32) -> Address {
         if let Self::Candidate { index, of, .. } = self {
             assert!(index < of && of <= MAX_CANDIDATES, "candidate {index} of {of}");

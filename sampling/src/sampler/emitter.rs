@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Coverage, Draws, EnvironmentLight, Sampler};
-use crate::{columns::Arena, environment::row_weights, error::Result, simd::Lanes, tail::Tail, tile::Rows};
+use crate::{columns::Arena, environment::solid_angle_means, error::Result, simd::Lanes, tail::Tail, tile::Rows};
 
 /// Samples the environment map, without regard to the surface.
 #[derive(Clone, Debug)]
@@ -30,25 +30,16 @@ impl EmitterSampler {
         let environment = light.environment();
         let (width, height) = (environment.width(), environment.height());
         let luminance = environment.luminance();
-        let mean = solid_angle_mean(width, height, &luminance);
+        let mean_of = |values: &[f32]| solid_angle_means(width, height, values, |value| [value])[0] as f32;
+        let mean = mean_of(&luminance);
         let compensated: Vec<f32> = luminance.iter().map(|value| (value - mean).max(0.0)).collect();
         // The remainder of a constant map is rounding noise.
-        let left = solid_angle_mean(width, height, &compensated);
+        let left = mean_of(&compensated);
         let kept = if left > 1e-4 * mean { &compensated } else { &luminance };
         let tail = Tail::new(light.tail().kind(), width, height, kept)?;
         let light = EnvironmentLight::with_tail(environment.clone(), Arc::new(tail));
         Ok(Self { light, coverage: Coverage::Part })
     }
-}
-
-/// Returns the mean of a map over the sphere.
-fn solid_angle_mean(width: usize, height: usize, luminance: &[f32]) -> f32 {
-    let (mut sum, mut weights) = (0.0_f64, 0.0_f64);
-    for (weight, values) in row_weights(height).zip(luminance.chunks_exact(width)) {
-        sum += weight * values.iter().map(|&value| f64::from(value)).sum::<f64>();
-        weights += weight * width as f64;
-    }
-    (sum / weights) as f32
 }
 
 impl Sampler for EmitterSampler {

@@ -113,11 +113,8 @@ impl SamplerSpec {
         if *source == Source::Auto && !is_plain {
             return Some("'auto' chooses all of a SPEC; name it alone");
         }
-        let is_compensated_alone = (source, *companion) == (&Source::Compensated, Companion::None);
-        if is_compensated_alone && matches!(combiner, Combiner::TwoSampleMis(_)) {
-            return None;
-        }
-        if let Some(reason) = source.fault_beside(*companion) {
+        let is_pair = self.pair_name().is_some();
+        if let Some(reason) = source.fault_beside(*companion).filter(|_| !is_pair) {
             return Some(reason);
         }
         if *visibility == Visibility::None {
@@ -128,6 +125,12 @@ impl SamplerSpec {
         }
         let draws = matches!(combiner, Combiner::One | Combiner::Split(_));
         (!draws).then_some("resampling and two-sample MIS take no visibility; use split:N")
+    }
+
+    /// Returns the name of two-sample MIS with its source, if it has one of [`PAIRS`](source::PAIRS).
+    fn pair_name(&self) -> Option<&'static str> {
+        let is_pair = matches!(self.combiner, Combiner::TwoSampleMis(_)) && self.companion == Companion::None;
+        source::PAIRS.iter().find(|(_, source)| is_pair && *source == self.source).map(|(name, _)| *name)
     }
 
     fn plain(source: Source) -> Self {

@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::{
     Combiner, Companion, FileKind, RivalFamily, SamplerSpec, Source, Visibility, forms,
-    source::{COMPENSATED_PAIR, NAMED, PORTALS},
+    source::{NAMED, PAIRS, PORTALS},
 };
 use crate::{
     error::{Error, Result},
@@ -20,10 +20,11 @@ impl FromStr for SamplerSpec {
     fn from_str(text: &str) -> Result<Self> {
         let wrong = |reason: String| Error::argument(format!("sampler '{text}'"), reason);
         let (combiner, rest) = combiner_of(text).map_err(wrong)?;
-        let spec = match rest {
-            COMPENSATED_PAIR => Self { combiner, ..Self::plain(Source::Compensated) },
-            _ => Self { combiner, ..Parts::of(rest).spec().map_err(wrong)? },
+        let spec = match (combiner, source_of_pair(rest)) {
+            (Combiner::TwoSampleMis(_), Some(source)) => Self::plain(source),
+            _ => Parts::of(rest).spec().map_err(wrong)?,
         };
+        let spec = Self { combiner, ..spec };
         match spec.fault() {
             None => Ok(spec),
             Some(reason) => Err(wrong(reason.to_owned())),
@@ -31,18 +32,21 @@ impl FromStr for SamplerSpec {
     }
 }
 
+/// Returns the source of a name of two-sample MIS.
+fn source_of_pair(name: &str) -> Option<Source> {
+    PAIRS.iter().find(|(own, _)| *own == name).map(|(_, source)| source.clone())
+}
+
 /// Splits a SPEC into its combiner and its source.
 fn combiner_of(text: &str) -> std::result::Result<(Combiner, &str), String> {
-    match text {
-        "mis2" => return Ok((Combiner::TwoSampleMis(1), "emitter")),
-        COMPENSATED_PAIR => return Ok((Combiner::TwoSampleMis(1), text)),
-        _ => {}
+    if source_of_pair(text).is_some() {
+        return Ok((Combiner::TwoSampleMis(1), text));
     }
     let Some((name, rest)) = text.split_once(':') else {
         return if text == "ris" { Err(format!("name {CANDIDATES}")) } else { Ok((Combiner::One, text)) };
     };
     match name {
-        "mis2" if rest != COMPENSATED_PAIR => Ok((Combiner::TwoSampleMis(1), rest)),
+        "mis2" if source_of_pair(rest).is_none() => Ok((Combiner::TwoSampleMis(1), rest)),
         "split" => {
             let (count, source) =
                 rest.split_once(':').ok_or("name directions and a source, as in split:2:patches".to_owned())?;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use super::{
     Combiner, Companion, SamplerSpec, Source, Visibility,
-    source::{COMPENSATED_PAIR, NAMED, Named, PORTALS},
+    source::{NAMED, Named, PORTALS},
 };
 use crate::path_text::text_of;
 
@@ -19,11 +19,10 @@ impl fmt::Display for SamplerSpec {
                 if *pairs > 1 {
                     write!(f, "split:{pairs}:")?;
                 }
-                match (source, companion) {
-                    (Source::Emitter, Companion::None) => return f.write_str("mis2"),
-                    (Source::Compensated, Companion::None) => return f.write_str(COMPENSATED_PAIR),
-                    _ => f.write_str("mis2:")?,
+                if let Some(name) = self.pair_name() {
+                    return f.write_str(name);
                 }
+                f.write_str("mis2:")?;
             }
             Combiner::Ris(candidates) if is_emitter => return write!(f, "ris:{candidates}"),
             Combiner::Ris(candidates) => write!(f, "ris:{candidates}:")?,

@@ -110,8 +110,8 @@ pub(super) static NAMED: [Named; 10] = [
     named("oracle+mis", Source::Oracle, Companion::Brdf, ("the same beside BRDF sampling", Purpose::Study)),
 ];
 
-/// The name of [`Source::Compensated`] in two-sample MIS: without a companion of its own, it has no other form.
-pub(super) const COMPENSATED_PAIR: &str = "mis2-comp";
+/// Names of two-sample MIS with sources of emitter sampling.
+pub(super) static PAIRS: [(&str, Source); 2] = [("mis2", Source::Emitter), ("mis2-comp", Source::Compensated)];
 
 /// The name of [`Source::Portals`].
 pub(super) const PORTALS: &str = "portals";

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use anyhow::{Context, Result, bail, ensure};
 use headtail_eval::{
-    Experiment, MeasurementEnvironment, Output, Record, Store, VerifiedSources, ViewKey, source_hash,
+    Experiment, MeasurementEnvironment, Output, RAYS, Record, Store, VerifiedSources, ViewKey, source_hash,
     summary::{Comparison, Interval, Ratios, ViewRuns, views_of},
 };
 use headtail_render::statistics::{MeanInterval, sidak};
@@ -29,6 +29,11 @@ enum State {
     Verified(usize),
     /// Measured with other sources.
     Stale,
+}
+
+/// Describes data of other sources that render the same.
+fn same_since(pictures: usize) -> String {
+    format!("Measured before sources changed; {pictures} pictures are the same since, within {RAYS:e} rays per sample.")
 }
 
 /// Text of a block without data.
@@ -131,9 +136,7 @@ impl Data {
         let state = found.map_or(State::Stale, |(_, own)| self.state(&own.sources));
         let state = match state {
             State::Current => String::new(),
-            State::Verified(pictures) => {
-                format!(" Measured before sources changed; {pictures} pictures are the same since.")
-            }
+            State::Verified(pictures) => format!(" {}", same_since(pictures)),
             State::Stale => " **Stale:** samplers or integrator have changed since.".to_owned(),
         };
         format!("\n\n*`{}`, {machine}.*{state}", output.command)
@@ -180,7 +183,7 @@ impl Data {
             .iter()
             .filter_map(|state| if let State::Verified(pictures) = state { Some(*pictures) } else { None });
         if let Some(pictures) = verified.max() {
-            text += &format!("\n\nMeasured before sources changed; {pictures} pictures are the same since.");
+            text += &format!("\n\n{}", same_since(pictures));
         }
         if stale > 0 {
             text += &format!(

@@ -134,8 +134,8 @@ fn default_camera(document: &Document, cameras: &[PlacedCamera<'_>], origin: DVe
     })
 }
 
-/// Returns the meshes with their alpha masks and sidedness, and the materials they refer to: the file's or, if not
-/// `materials`, copies of the default one.
+/// Returns the meshes with their alpha masks and sidedness, and the materials they refer to: the file's or, if
+/// not `materials`, copies of the default one.
 fn with_materials(document: &Document, meshes: Vec<Mesh>, materials: bool) -> Result<(Vec<Mesh>, Vec<Material>)> {
     let used: BTreeSet<usize> = meshes.iter().map(|mesh| mesh.material).collect();
     let mut textures = Textures::new(document);
