@@ -1,4 +1,4 @@
-//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis-comp` by a pilot rendering, which is not
+//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis2-comp` by a pilot rendering, which is not
 //! part of the picture. In rooms that little light enters, all of it through portals, it chooses
 //! `split:4:portals+mis`, which is many times better there (`results/rooms.csv`, staircase).
 //!
@@ -20,10 +20,10 @@ use headtail_render::{
 
 use crate::{Budget, OpenedView, Result};
 
-/// Directions per split of the candidates.
+/// Directions of patches per split, and pairs of compensated MIS.
 const DIRECTIONS: u32 = 4;
 /// The largest fraction of a budget that a pilot takes.
-const FRACTION: f64 = 0.03;
+const FRACTION: f64 = 0.05;
 /// Picture pixels per pilot pixel, along each side.
 const COARSENESS: usize = 8;
 /// Samples per pixel of the pilot; the most that fit are taken. With 2, fireflies decide too often; 16 decide
@@ -69,13 +69,13 @@ enum SurfaceClass {
 }
 
 /// Time of a sample relative to one of `mis` on the same surfaces, for `split:4:patches+vis` and
-/// `split:4:mis-comp`: medians of `results/equal-time.csv` by surface.
+/// `split:4:mis2-comp`: medians of `results/auto.csv` by surface.
 const COSTS: [(SurfaceClass, [f64; 2]); 5] = [
-    (SurfaceClass::Diffuse, [3.3, 2.4]),
-    (SurfaceClass::Glossy, [4.1, 2.4]),
-    (SurfaceClass::Narrow, [5.2, 2.4]),
-    (SurfaceClass::MetallicRoughness, [4.0, 2.5]),
-    (SurfaceClass::Other, [4.8, 2.5]),
+    (SurfaceClass::Diffuse, [3.4, 3.7]),
+    (SurfaceClass::Glossy, [4.4, 3.8]),
+    (SurfaceClass::Narrow, [5.5, 3.6]),
+    (SurfaceClass::MetallicRoughness, [4.1, 3.8]),
+    (SurfaceClass::Other, [4.8, 3.7]),
 ];
 
 /// Result of a candidate in the pilot.
@@ -149,8 +149,10 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     let texels = (view.environment.width() * view.environment.height()) as f64;
     // Cost of a pilot in samples of `mis`.
     let pilot_cost = |samples: u32| 2.0 * f64::from(samples) * pixels * (costs[0] + costs[1]) + PREPARATION * texels;
+    // A budget of samples takes at least as long as the cheaper candidate.
+    let per_sample = if budget.seconds().is_some() { 1.0 } else { costs[0].min(costs[1]) };
     let affordable = |seconds_per_sample: f64| {
-        let most = FRACTION * samples_of(view, budget, seconds_per_sample);
+        let most = FRACTION * per_sample * samples_of(view, budget, seconds_per_sample);
         SAMPLES.into_iter().find(|&samples| pilot_cost(samples) <= most)
     };
     const TOO_SMALL: &str = "the budget is too small for a pilot";
@@ -167,15 +169,15 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
         return by_rule(spec, Box::new(patches), TOO_SMALL);
     };
     let informed = patches.clone().with_precomputed(&learned)?;
-    let compensated = SamplerSpec::split_compensated(DIRECTIONS);
-    let split_mis = view.estimator(&compensated)?;
+    let compensated = SamplerSpec::compensated_pairs(DIRECTIONS);
+    let pairs = view.estimator(&compensated)?;
     let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| {
         let [error, light] = error_and_light(&small, estimator, samples, stop);
         Trial { spec, error, light, cost }
     };
-    let trials = vec![trial(spec, costs[0], &informed), trial(compensated, costs[1], &*split_mis)];
+    let trials = vec![trial(spec, costs[0], &informed), trial(compensated, costs[1], &*pairs)];
     let chosen = best_of(&trials);
-    let estimator = if chosen == 0 { Box::new(patches) as Box<dyn Estimator> } else { split_mis };
+    let estimator = if chosen == 0 { Box::new(patches) as Box<dyn Estimator> } else { pairs };
     let (spec, reason) = (trials[chosen].spec.clone(), "efficiency in a pilot");
     Ok(Choice { spec, estimator, trials, reason, seconds: start.elapsed().as_secs_f64() })
 }
@@ -364,7 +366,7 @@ mod tests {
     /// [`COSTS`] match the measurements.
     #[test]
     fn costs_match_the_measurements() {
-        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../results/equal-time.csv");
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../results/auto.csv");
         let Ok(text) = std::fs::read_to_string(path) else { return };
         let mut lines = text.lines();
         let names: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -374,7 +376,7 @@ mod tests {
         let rows: Vec<Vec<&str>> =
             lines.map(|line| line.split(',').collect()).filter(|row: &Vec<&str>| row[budget] == "1s").collect();
         let time = |row: &[&str]| row[seconds].parse::<f64>().unwrap() / row[spp].parse::<f64>().unwrap();
-        let specs = ["split:4:patches+vis", "split:4:mis-comp"];
+        let specs = ["split:4:patches+vis", "split:4:mis2-comp"];
         let surfaces: [&[&str]; 5] = [&["diffuse"], &["glossy"], &["mirror-like"], &["own"], &["measured", "neural"]];
         for (class, surfaces) in surfaces.iter().enumerate() {
             for (k, spec) in specs.iter().enumerate() {

@@ -127,8 +127,8 @@ const PLAIN: [&str; 19] = [
     "patches:fine+vis",
     "mis2:patches",
     "ris:4:patches",
-    "split:4:mis",
     "split:4:mis-comp",
+    "split:4:mis2-comp",
     "split:4:patches",
     "split:4:patches+vis",
 ];

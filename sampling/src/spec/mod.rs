@@ -195,9 +195,9 @@ impl SamplerSpec {
         Self { visibility: Visibility::Learned, ..Self::patches() }.split(directions)
     }
 
-    /// `split:N:mis-comp`, or `mis-comp` for one direction.
-    pub fn split_compensated(directions: u32) -> Self {
-        Self { companion: Companion::Brdf, ..Self::plain(Source::Compensated) }.split(directions)
+    /// `split:N:mis2-comp`, or `mis2-comp` for one pair.
+    pub fn compensated_pairs(pairs: u32) -> Self {
+        Self { combiner: Combiner::TwoSampleMis(pairs), ..Self::plain(Source::Compensated) }
     }
 
     /// `split:N:portals+mis`, or `portals+mis` for one direction: through the portals found in the scene.

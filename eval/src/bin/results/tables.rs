@@ -145,7 +145,10 @@ impl Data {
     /// Describes where and how the data were measured, and whether they are stale.
     fn conditions(&self, experiment: &Experiment, records: &[Record]) -> String {
         let views = views_of(records);
-        let runs = records.iter().map(|own| own.run).max().unwrap_or(0) + 1;
+        let runs = match records.iter().map(|own| own.run).max().unwrap_or(0) + 1 {
+            1 => "one run".to_owned(),
+            runs => format!("{runs} runs"),
+        };
         let untuned = views.iter().filter(|view| !experiment.is_tuned(&view.key)).count();
         let mut machines: Vec<String> = self
             .environments
@@ -162,13 +165,13 @@ impl Data {
         let limited = noise.iter().filter(|noise| **noise > 0.25).count();
         let budgets: Vec<String> = experiment.budgets.iter().map(|entry| entry.0.to_string()).collect();
         let mut text = format!(
-            "*{} views ({untuned} with an untuned map or scene), {} x {} pixels, {} points, budgets {}, {runs} runs each; {}. \
+            "*{} views ({untuned} with an untuned map or scene), {} x {} pixels, {} points, budgets {}, {runs} each; {}. \
              The reference's own error is more than a quarter of the sampler's in {limited} of {} runs. Data: `results/{}.csv`.*",
             views.len(),
             experiment.width,
             experiment.height,
             experiment.points,
-            budgets.join(" and "),
+            budgets.join(", "),
             machines.join("; "),
             records.len(),
             experiment.name,
