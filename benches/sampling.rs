@@ -161,7 +161,7 @@ fn head_with_mis(bencher: Bencher, normals: Normals) {
 }
 
 /// Measures drawing two numbers per point.
-#[divan::bench(args = ["independent", "sobol", "zsobol:16"])]
+#[divan::bench(args = ["independent", "sobol", "lattice:16"])]
 fn points(bencher: Bencher, set: &str) {
     let (tiles, arena) = (tiles(Normals::Coherent), Arena::default());
     let points = Points::new(set.parse().expect("a kind of points"), 1);

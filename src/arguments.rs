@@ -5,13 +5,14 @@ use std::{str::FromStr, sync::Arc};
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use clap::Args;
 use glam::Vec3A;
-use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, ViewSettings};
+use headtail_eval::{Budget, CameraSettings, OpenedView, ViewSettings};
 use headtail_render::{
     environment::{Environment, MapSpec},
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     head::Condition,
     image::MapLayout,
+    points::PointSet,
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
     spec::{Companion, FileKind, SamplerSpec},
@@ -63,11 +64,11 @@ pub struct ViewArguments {
     /// Maximum number of surfaces on a light path: 1 is direct light only.
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "unshadowed", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub depth: u32,
-    /// Sample points: sobol, zsobol, zsobol:N or independent.
-    /// sobol: an Owen-scrambled sequence per pixel; zsobol: one that neighbouring pixels share, for a finer
-    /// grain, in sets of N samples (without :N, in sets that the budget fits into); independent: random.
-    #[arg(long, value_name = "POINTS", default_value = "sobol")]
-    pub points: PointChoice,
+    /// Sample points: lattice, lattice:N, sobol or independent.
+    /// lattice: rank-1 lattices of the picture's number of samples, or of N; sobol: an Owen-scrambled sequence,
+    /// best at powers of two; independent: random.
+    #[arg(long, value_name = "POINTS", default_value = "lattice")]
+    pub points: PointSet,
     /// Memory for visibility of +vis samplers, in MB of 2^20 bytes.
     /// Cells are larger where it is not enough.
     #[arg(long, value_name = "MB", default_value_t = VISIBILITY_MEGABYTES, value_parser = clap::value_parser!(u32).range(1..=65536))]
@@ -186,7 +187,7 @@ pub const TAILS: [(TailKind, &str, &str); 3] = [
 ];
 
 impl ViewArguments {
-    /// Returns a view with the scene's own materials, shadows and direct light, rendered with Sobol points.
+    /// Returns a view with the scene's own materials, shadows and direct light, rendered with the default points.
     pub fn of(scene: &str, env: &str, camera: CameraArguments) -> Self {
         Self {
             scene: scene.to_owned(),
@@ -198,7 +199,7 @@ impl ViewArguments {
             material: None,
             unshadowed: false,
             depth: 1,
-            points: PointChoice::default(),
+            points: PointSet::default(),
             visibility_memory: VISIBILITY_MEGABYTES,
             visibility_always: false,
             threads: None,

@@ -8,9 +8,9 @@ use std::{
 
 use anyhow::{Result, bail};
 use clap::Args;
-use headtail_eval::PointChoice;
 use headtail_render::{
     bake::{CellGrid, NormalGrid},
+    points::PointSet,
     spec::{FileKind, SamplerSpec},
     tail::{Tail, TailKind},
 };
@@ -39,9 +39,9 @@ pub struct Arguments {
     /// A built-in environment (overcast, window, studio, sunset) or a map.
     #[arg(long, value_name = "NAME|FILE", default_value = "studio", value_parser = given::<String>())]
     env: String,
-    /// Sample points: sobol, zsobol, zsobol:N or independent.
-    #[arg(long, value_name = "POINTS", default_value = "sobol")]
-    points: PointChoice,
+    /// Sample points: lattice, lattice:N, sobol or independent.
+    #[arg(long, value_name = "POINTS", default_value = "lattice")]
+    points: PointSet,
 }
 
 /// Runs every step and reports on it.

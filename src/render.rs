@@ -115,7 +115,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.timings {
         Timings::start();
     }
-    let points = opened.points(budget, arguments.seed);
+    let points = opened.points(arguments.seed);
     let rendering = opened.render(&*estimator, budget, points, &stop, &bar.fraction_setter());
     bar.finish_and_clear();
 

@@ -244,8 +244,7 @@ fn class_of(surface: &Surface) -> SurfaceClass {
 /// Returns half the mean squared difference of two pilots, and their mean, without the worst pixels.
 fn error_and_light(small: &OpenedView, estimator: &dyn Estimator, samples: u32, stop: &AtomicBool) -> [f64; 2] {
     let budget = Budget::Samples(samples);
-    let [a, b]: [Rendering; 2] =
-        SEEDS.map(|seed| small.render(estimator, budget, small.points(budget, seed), stop, &|_| {}));
+    let [a, b]: [Rendering; 2] = SEEDS.map(|seed| small.render(estimator, budget, small.points(seed), stop, &|_| {}));
     let of_pixel = |(a, b): (&[f32; 3], &[f32; 3])| -> [f64; 2] {
         let square = (0..3).map(|c| f64::from(a[c] - b[c]).powi(2)).sum::<f64>() / 6.0;
         [square, (0..3).map(|c| f64::from(a[c]) + f64::from(b[c])).sum::<f64>() / 6.0]
@@ -351,7 +350,7 @@ mod tests {
         assert_eq!((choice.spec.to_string().as_str(), choice.trials.len()), ("split:4:portals+mis", 0));
         let budget = Budget::Samples(2);
         let picture =
-            |estimator: &dyn Estimator| view.render(estimator, budget, view.points(budget, 1), &stop, &|_| {}).surfaces;
+            |estimator: &dyn Estimator| view.render(estimator, budget, view.points(1), &stop, &|_| {}).surfaces;
         let by_name = picture(&*view.estimator(&choice.spec).unwrap());
         assert!(by_name.pixels.iter().any(|pixel| pixel[0] > 0.0));
         assert_eq!(picture(&*choice.estimator).pixels, by_name.pixels);

@@ -10,9 +10,8 @@ use headtail_render::{
     estimator::Estimator,
     image::Image,
     integrator::Rendering,
-    points::PointSet,
     spec::{SamplerSpec, Source},
-    statistics::{compare_images, ttuv},
+    statistics::{TileTest, compare_images, ttuv},
 };
 
 use crate::{
@@ -243,8 +242,7 @@ impl Loop<'_> {
         let show = |done: f64| self.watch.spent(self.done + done * seconds);
         let never = AtomicBool::new(false);
         let before = processor_seconds();
-        // Uses the requested budget, so that points do not depend on the machine's speed.
-        let rendering = self.view.render(entry.at(asked).0, taken, self.view.points(asked, seed), &never, &show);
+        let rendering = self.view.render(entry.at(asked).0, taken, self.view.points(seed), &never, &show);
         let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
         self.done += seconds;
         self.watch.spent(self.done);
@@ -291,7 +289,7 @@ impl Loop<'_> {
                 return pixels * SAMPLE;
             }
             let trial = Budget::Seconds(TRIAL);
-            let points = self.view.points(trial, self.plan.seed);
+            let points = self.view.points(self.plan.seed);
             let estimator = entry.at(self.plan.budgets[0]).0;
             let rendering = self.view.render(estimator, trial, points, self.stop, &|_| {});
             rendering.seconds / f64::from(rendering.spp.max(1))
@@ -305,7 +303,7 @@ impl Loop<'_> {
     fn calibrated(&self, entry: &Entry, budget: Budget) -> Option<Budget> {
         let Some(seconds) = budget.seconds() else { return Some(budget) };
         self.watch.message(&format!("{}: samples that fit into {seconds} s", entry.name));
-        let points = self.view.points(budget, self.plan.seed);
+        let points = self.view.points(self.plan.seed);
         let render = |trial: Budget| {
             let rendering = self.view.render(entry.at(budget).0, trial, points, self.stop, &|_| {});
             (!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds))
@@ -338,7 +336,7 @@ impl Truth {
 
     fn measure(&self, rendering: &Rendering, pictures: [&Image; 2]) -> Result<Measurement> {
         let own = Measurement::of(rendering, &select(pictures[1], &self.covered), &self.selected)?;
-        Ok(self.without_noise(own, pictures[0], rendering.points))
+        Ok(self.without_noise(own, pictures[0]))
     }
 
     /// Recomputes the errors of a measurement against this reference.
@@ -348,18 +346,13 @@ impl Truth {
         let reference_luminance = crate::measurement::mean_luminance(&self.selected);
         let (mse, relmse, relmse_trimmed) = (metrics.mse, metrics.relmse, metrics.relmse_trimmed);
         let own = Measurement { mse, relmse, relmse_trimmed, reference_luminance, ..known.clone() };
-        Ok(self.without_noise(own, composite, known.points.parse().unwrap_or(PointSet::Independent)))
+        Ok(self.without_noise(own, composite))
     }
 
-    fn without_noise(&self, own: Measurement, composite: &Image, points: PointSet) -> Measurement {
-        // The test needs independent pixels.
-        let tile_p = match points {
-            PointSet::Sobol | PointSet::Independent if own.spp >= TESTED => {
-                let test = compare_images(composite, &self.image, TILE, SIGNIFICANCE);
-                test.map_or(f64::NAN, |test| 1.0 - (1.0 - test.worst().2).powi(test.tests.len() as i32))
-            }
-            _ => f64::NAN,
-        };
+    fn without_noise(&self, own: Measurement, composite: &Image) -> Measurement {
+        let test = (own.spp >= TESTED).then(|| compare_images(composite, &self.image, TILE, SIGNIFICANCE).ok());
+        let p_value = |test: TileTest| 1.0 - (1.0 - test.worst().2).powi(test.tests.len() as i32);
+        let tile_p = test.flatten().map_or(f64::NAN, p_value);
         let Some(noise) = self.noise else { return Measurement { tile_p, ..own } };
         let (mse, relmse) = (Noise::without(own.mse, noise.mse), Noise::without(own.relmse, noise.relmse));
         Measurement { mse, relmse, ttuv: ttuv(mse, own.seconds), reference_mse: noise.mse, tile_p, ..own }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use headtail_render::file;
+use headtail_render::{file, points::PointSet};
 use serde::{Deserialize, Serialize};
 
 use crate::{Artifact, Budget, CameraSettings, Error, Result, ViewSettings};
@@ -30,7 +30,7 @@ pub struct Experiment {
     /// Threads that render.
     pub threads: usize,
     /// The points of samples.
-    #[serde(default = "Experiment::sobol")]
+    #[serde(default = "Experiment::lattice")]
     pub points: String,
     /// Maximum number of surfaces on a light path; 1 is direct light.
     #[serde(default = "Experiment::direct_light")]
@@ -188,8 +188,8 @@ impl Experiment {
         1
     }
 
-    fn sobol() -> String {
-        "sobol".into()
+    fn lattice() -> String {
+        PointSet::LATTICE.to_string()
     }
 
     fn direct_light() -> u32 {
@@ -290,7 +290,7 @@ impl Experiment {
             fov: scene.fov,
             ..CameraSettings::of_size(self.width, self.height)
         };
-        let points = self.points.parse().map_err(|reason: String| Error::argument("points", reason))?;
+        let points = self.points.parse()?;
         let material = material.replace("{data}", &data.display().to_string());
         Ok(ViewSettings {
             ground: scene.ground,

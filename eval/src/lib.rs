@@ -6,7 +6,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `view.rs`, `point_choice.rs` | scene, camera and map of a picture, and the points of its samples |
+//! | `view.rs` | scene, camera and map of a picture, and the points of its samples |
 //! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
 //! | `auto.rs` | the choice of a sampler for a view |
 //! | `reference.rs` | converged pictures, their noise and their cache |
@@ -33,7 +33,6 @@ mod error;
 mod experiment;
 mod independent_runs;
 mod measurement;
-mod point_choice;
 mod preparation;
 mod quadrature;
 mod recording;
@@ -56,7 +55,6 @@ pub use error::{Error, Result};
 pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEntry, SceneEntry, ViewKey};
 pub use independent_runs::IndependentRuns;
 pub use measurement::{Environment as MeasurementEnvironment, Measurement, machine, mean_luminance, source_hash};
-pub use point_choice::PointChoice;
 pub use preparation::FilePreparation;
 pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};

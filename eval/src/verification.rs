@@ -62,7 +62,7 @@ pub fn verify(
                     if entry.is_chosen_by_clock(budget) {
                         continue;
                     }
-                    let (taken, points) = (Budget::Samples(own.spp as u32), view.points(budget, own.seed));
+                    let (taken, points) = (Budget::Samples(own.spp as u32), view.points(own.seed));
                     let again = view.render(entry.at(budget).0, taken, points, stop, &|_| {});
                     found.pictures += 1;
                     let mut change = Change::between(own, &again, &covered(&again.coverage)?);

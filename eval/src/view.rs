@@ -8,7 +8,7 @@ use headtail_render::{
     estimator::{Estimator, LearnedVisibility},
     integrator::{self, Part, Rendering, View},
     patches::Detail,
-    points::Points,
+    points::{PointSet, Points},
     portals::{Portal, Portals},
     remark::Remark,
     scene::{Camera, MaterialSpec, Scene},
@@ -16,7 +16,7 @@ use headtail_render::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Budget, Error, PointChoice, Result};
+use crate::{Budget, Error, Result};
 
 /// A camera and the size of its picture; missing values are those of the scene's own camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -77,7 +77,7 @@ pub struct ViewSettings {
     /// Maximum number of surfaces on a light path; 1 is direct light.
     pub depth: u32,
     /// The points of samples.
-    pub points: PointChoice,
+    pub points: PointSet,
     /// Memory for precomputed visibility, in bytes.
     pub visibility_bytes: usize,
     /// Whether visibility is used even if its predicted gain is below its cost.
@@ -85,7 +85,7 @@ pub struct ViewSettings {
 }
 
 impl ViewSettings {
-    /// Returns direct light on a scene with its own materials and Sobol points.
+    /// Returns direct light on a scene with its own materials and the default points.
     pub fn new(scene: &str, env: &str, camera: CameraSettings) -> Self {
         Self {
             scene: scene.to_owned(),
@@ -96,7 +96,7 @@ impl ViewSettings {
             material: None,
             unshadowed: false,
             depth: 1,
-            points: PointChoice::default(),
+            points: PointSet::default(),
             visibility_bytes: LearnedVisibility::MEMORY,
             visibility_always: false,
         }
@@ -161,7 +161,7 @@ pub struct OpenedView {
     /// Maximum number of surfaces on a light path.
     pub depth: u32,
     /// The points of samples.
-    pub points: PointChoice,
+    pub points: PointSet,
     visibility_bytes: usize,
     visibility_always: bool,
     rotation: f32,
@@ -171,7 +171,7 @@ pub struct OpenedView {
 }
 
 impl OpenedView {
-    /// Returns a view of direct light on a scene, with Sobol points.
+    /// Returns a view of direct light on a scene, with the default points.
     pub fn new(
         scene: Arc<Scene>,
         camera: Camera,
@@ -187,7 +187,7 @@ impl OpenedView {
             height,
             unshadowed: false,
             depth: 1,
-            points: PointChoice::default(),
+            points: PointSet::default(),
             visibility_bytes: LearnedVisibility::MEMORY,
             visibility_always: false,
             rotation: 0.0,
@@ -334,9 +334,9 @@ impl OpenedView {
         self.camera.moved(&Affine3A::from_rotation_y(self.rotation.to_radians()))
     }
 
-    /// Returns the points of a rendering with a budget.
-    pub fn points(&self, budget: Budget, seed: u64) -> Points {
-        Points::new(self.points.for_budget(budget), seed)
+    /// Returns the points of a rendering.
+    pub fn points(&self, seed: u64) -> Points {
+        Points::new(self.points, seed)
     }
 
     /// Returns the scene's name with its material, and with everything else that differs from direct light on

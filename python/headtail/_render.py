@@ -92,7 +92,7 @@ def render(
     seconds=None,
     width=640,
     height=480,
-    points="sobol",
+    points="lattice",
     seed=0,
     depth=1,
     unshadowed=False,
@@ -176,7 +176,7 @@ def _sampler(sampler, env):
     return sampler._native if isinstance(sampler, Sampler) else _native.Sampler.in_scene(sampler, environment(env)._native)
 
 
-def _view(width=640, height=480, points="sobol", depth=1, unshadowed=False, look_from=None, look_at=None, fov=None):
+def _view(width=640, height=480, points="lattice", depth=1, unshadowed=False, look_from=None, look_at=None, fov=None):
     return {
         "width": _side(width, "width"),
         "height": _side(height, "height"),

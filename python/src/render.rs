@@ -5,9 +5,10 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
-use headtail_eval::{Budget, CameraSettings, OpenedView, PointChoice, choose};
+use headtail_eval::{Budget, CameraSettings, OpenedView, choose};
 use headtail_render::{
     environment, memory,
+    points::PointSet,
     remark::Remark,
     scene::{self, MaterialSpec},
     spec::Source,
@@ -118,7 +119,7 @@ impl ViewArguments {
     /// one.
     pub fn open(&self, scene: &Scene, map: Arc<environment::Environment>, kept: usize) -> PyResult<OpenedView> {
         let Self { width, height, look_from, look_at, fov, ref points, .. } = *self;
-        let points: PointChoice = points.parse().map_err(|error| refused(format!("points '{points}': {error}")))?;
+        let points: PointSet = points.parse().map_err(|error| refused(format!("points '{points}': {error}")))?;
         let size = (width as usize, height as usize);
         memory::require_pictures(size.0, size.1, kept).map_err(of_render)?;
         let camera = CameraSettings { width, height, look_from, look_at, fov }.open(&scene.scene).map_err(of_eval)?;
@@ -151,7 +152,7 @@ pub fn render<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (budget, view) = (budget(spp, seconds)?, view.open(scene, sampler.map.clone(), 0)?);
-    let (points, watch) = (view.points(budget, seed), Watch::new(progress));
+    let (points, watch) = (view.points(seed), Watch::new(progress));
     let rendering = py.detach(|| {
         let (spec, estimator) = match &sampler.spec {
             Some(spec) if *spec.source() == Source::Auto => {

@@ -4,7 +4,6 @@ use std::{path::PathBuf, sync::atomic::Ordering, time::Instant};
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use headtail_eval::PointChoice;
 use headtail_render::{
     estimator::LearnedVisibility, integrator::learn_visibility, memory, patches::Detail, points::PointSet,
     scene::MaterialSpec, visibility::SceneVisibility,
@@ -62,7 +61,7 @@ impl Arguments {
             ground: self.ground,
             material: self.material.clone(),
             depth: self.depth,
-            points: PointChoice::Named(PointSet::Independent),
+            points: PointSet::Independent,
             visibility_memory: self.visibility_memory,
             threads: self.threads,
             ..ViewArguments::of(scene, env, self.camera.clone())

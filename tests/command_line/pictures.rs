@@ -170,38 +170,37 @@ fn points_are_chosen_and_recorded() {
         (picture(&path.join(format!("{points}.exr"))).pixels, said)
     };
     let default = render("default", "--spp 4").0;
-    let named = ["sobol", "zsobol", "independent"].map(|points| render(points, &format!("--spp 4 --points {points}")));
-    let spoken = ["sobol", "zsobol:4", "independent"];
+    let named = ["lattice", "sobol", "independent"].map(|points| render(points, &format!("--spp 4 --points {points}")));
+    let spoken = ["lattice:4", "sobol", "independent"];
     for ((_, said), points) in named.iter().zip(spoken) {
         assert!(said.contains(&format!(" 4 spp of {points} points in ")), "{said}");
     }
     assert_eq!(default, named[0].0);
     assert!(named[0].0 != named[1].0 && named[1].0 != named[2].0 && named[2].0 != named[0].0);
-    // A budget only determines the plan: three of four samples are planned as four.
-    let planned = render("planned", "--spp 3 --points zsobol:4").0;
-    assert_eq!(planned, render("resolved", "--spp 3 --points zsobol").0);
-    assert!(render("timed", "--seconds 0.01 --points zsobol").1.contains(" spp of zsobol:16 points in "));
+    // A picture of three samples may be part of a plan of four; a budget in seconds is planned after the first sample.
+    assert!(render("planned", "--spp 3 --points lattice:4").0 != render("resolved", "--spp 3 --points lattice").0);
+    assert!(render("timed", "--seconds 0.01").1.contains(" spp of lattice:"));
 
     let compare =
         format!("compare --scene plane --env studio --samplers mis,emitter --runs 1 --reference-spp 8 {SMALL}");
-    succeed(path, &format!("{compare} --spp 1,6 --seconds 0.01 --points zsobol --out results"));
+    succeed(path, &format!("{compare} --spp 1,6 --seconds 0.01 --out results"));
     let mut reader = csv::Reader::from_path(path.join("results/results.csv")).unwrap();
-    let points: Vec<(String, String)> =
-        reader.records().map(Result::unwrap).map(|row| (row[3].to_owned(), row[16].to_owned())).collect();
+    let points: Vec<(String, String, String)> = reader
+        .records()
+        .map(Result::unwrap)
+        .map(|row| (row[3].to_owned(), row[16].to_owned(), row[6].to_owned()))
+        .collect();
     assert_eq!(points.len(), 3 * 2 * 2);
-    for (budget, points) in points {
-        assert_eq!(
-            points,
-            ["zsobol:1", "zsobol:8", "zsobol:16"][["1spp", "6spp", "0.01s"].iter().position(|b| *b == budget).unwrap()]
-        );
+    for (budget, points, spp) in points {
+        assert_eq!(points, format!("lattice:{spp}"), "{budget}");
     }
     let page = fs::read_to_string(path.join("results/report.html")).unwrap();
-    assert!(page.contains("zsobol:1, zsobol:8, zsobol:16"));
-    for wrong in ["halton", "zsobol:3", "zsobol:0", "zsobol:4294967296", "Sobol"] {
+    assert!(page.contains("lattice:1, lattice:6"));
+    for wrong in ["halton", "zsobol", "lattice:0", "lattice:4294967296", "Sobol"] {
         let message = refuse(
             path,
             &format!("render --scene plane --env studio --sampler mis --spp 1 --points {wrong} --out x.exr"),
         );
-        assert!(message.contains("--points") && message.contains("sobol, zsobol"), "{message}");
+        assert!(message.contains("--points") && message.contains("lattice:N"), "{message}");
     }
 }

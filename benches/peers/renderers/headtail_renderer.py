@@ -16,7 +16,7 @@ def program():
 
 
 class Renderer:
-    def __init__(self, picture, sampler="auto", points="sobol"):
+    def __init__(self, picture, sampler="auto", points="lattice"):
         self.folder = tempfile.TemporaryDirectory()
         self.out = Path(self.folder.name) / "picture.exr"
         self.version = run([program(), "--version"]).split()[1]

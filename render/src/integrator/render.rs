@@ -74,11 +74,18 @@ pub fn render_part(
         learn_before((&view, part), &mut **trainer, budget, points.seed(), stop);
     }
     let estimator = trainer.as_ref().map_or(estimator, |trainer| &**trainer as &dyn Estimator);
+    let mut points = if let Budget::Spp(spp) = budget { points.planned(spp) } else { points };
+    let prepared = start.elapsed();
     let mut spp = 0;
     loop {
         let count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
         film.add(&view, &Pass { estimator, trainer: None, points, samples: (spp, spp + count) });
         spp += count;
+        if let (1, Budget::Time(limit)) = (spp, budget) {
+            // The first sample is the same for any number of samples.
+            let of_sample = (start.elapsed() - prepared).as_secs_f64();
+            points = points.planned(1.max(((limit.as_secs_f64() - prepared.as_secs_f64()) / of_sample).round() as u32));
+        }
         let spent = match budget {
             Budget::Spp(total) => f64::from(spp) / f64::from(total),
             // Stops at the pass whose end is nearest to the limit.

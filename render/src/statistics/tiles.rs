@@ -67,7 +67,7 @@ impl fmt::Display for TileTest {
 ///
 /// Texture and shading cancel in the difference, so that only noise remains. Of each difference,
 /// 0.2 % of the luminance of the median tile of `b` are not counted. Pixels must be independent: the
-/// reconstruction filter must be a box, and the points not `zsobol`. `tile` is the minimum width and height
+/// reconstruction filter must be a box. `tile` is the minimum width and height
 /// of a tile in pixels; 16 is a good choice. `significance` is the probability of a false rejection, for
 /// example 0.01.
 ///

@@ -88,19 +88,20 @@ fn time_and_samples_as_budgets_give_the_same_picture() {
     let direct = exported(folder.path(), &environment).pop().unwrap();
     let scene = Scene::built_in("dishes").unwrap();
     let samplers = [(direct, 1), (SamplerSpec::ris(4), 1), ("mis2".parse().unwrap(), 4)];
-    for ((sampler, depth), set) in samplers.into_iter().zip([PointSet::Sobol, PointSet::zsobol(4), PointSet::Sobol]) {
-        let points = Points::new(set, 3);
+    for ((sampler, depth), set) in samplers.into_iter().zip([PointSet::Sobol, PointSet::LATTICE, PointSet::LATTICE]) {
         let estimator = sampler.build(&environment).unwrap();
         for (width, height) in SIZES {
             let (camera, environment) = (scene.camera(), &*environment);
             let view = View { scene: &scene, camera: &camera, environment, width, height, unshadowed: false, depth };
-            let render = |budget| render(view, &*estimator, budget, points, &AtomicBool::new(false), &|_| {});
+            let render =
+                |budget, set| render(view, &*estimator, budget, Points::new(set, 3), &AtomicBool::new(false), &|_| {});
             // Tries longer limits on a busy machine, since a single pass tests nothing.
             let limits = (0..8).map(|k| Duration::from_millis(50 << k));
-            let timed = limits.map(|limit| render(Budget::Time(limit))).find(|timed| timed.spp > 1);
+            let timed = limits.map(|limit| render(Budget::Time(limit), set)).find(|timed| timed.spp > 1);
             let timed = timed.expect("several passes in some seconds");
             assert_eq!(timed.surfaces.pixels.len(), width * height);
-            let counted = render(Budget::Spp(timed.spp));
+            // Names the number of samples that the budget in time was planned for.
+            let counted = render(Budget::Spp(timed.spp), timed.points);
             assert_eq!(counted.spp, timed.spp);
             assert_eq!(all_bits(&counted), all_bits(&timed), "{sampler}, {width} x {height}, {} samples", timed.spp);
         }
@@ -112,9 +113,9 @@ fn images_of_any_size_do_not_depend_on_threads() {
     let environment = Arc::new(built_in("window").unwrap());
     let scene = Scene::built_in("temple").unwrap();
     for (sampler, depth, set) in [
-        ("mis", 1, PointSet::zsobol(16)),
+        ("mis", 1, PointSet::LATTICE),
         ("ris:5", 3, PointSet::Sobol),
-        ("ris:5", 3, PointSet::zsobol(16)),
+        ("ris:5", 3, PointSet::LATTICE),
         ("brdf", 4, PointSet::Independent),
     ] {
         let points = Points::new(set, 3);

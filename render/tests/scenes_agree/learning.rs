@@ -11,7 +11,7 @@ fn learned(environment: &Arc<Environment>) -> LearnedVisibility {
 #[test]
 fn trained_visibility_does_not_depend_on_threads() {
     let environment = Arc::new(built_in("window").unwrap());
-    for points in [PointSet::Sobol, PointSet::zsobol(20), PointSet::Independent] {
+    for points in [PointSet::Sobol, PointSet::LATTICE, PointSet::Independent] {
         for depth in [1, 3] {
             let scene = Scene::built_in("bedroom").unwrap();
             let setting = Setting { scene, environment: environment.clone(), unshadowed: false, depth, points };

@@ -9,14 +9,14 @@
 //! | `mod.rs` | the map of dimensions |
 //! | `set.rs` | the kinds of points |
 //! | `sobol.rs`, `owen.rs` | Sobol's sequence, Owen scrambling |
-//! | `zsobol.rs` | one sequence along a curve through a block of pixels |
+//! | `lattice.rs` | rank-1 lattices of a known number of samples |
 //! | `philox.rs` | independent numbers, and the seeds of all others |
 
+mod lattice;
 mod owen;
 mod philox;
 mod set;
 mod sobol;
-mod zsobol;
 
 pub use set::PointSet;
 
@@ -25,6 +25,7 @@ use crate::{
     simd::{LANES, Lanes},
     tile::Rows,
 };
+use lattice::Lattice;
 use philox::philox;
 
 /// The purpose of a group of up to four numbers: the map of all dimensions.
@@ -99,18 +100,26 @@ pub struct Points {
     seed: u64,
     sample: u32,
     bounce: u32,
+    lattice: Lattice,
 }
 
 impl Points {
     /// The numbers of the first sample of every pixel, at the first surface. Different seeds give independent
     /// numbers.
     pub fn new(set: PointSet, seed: u64) -> Self {
-        Self { set, seed, sample: 0, bounce: 0 }
+        let samples = if let PointSet::Lattice { samples } = set { samples } else { 1 };
+        Self { set, seed, sample: 0, bounce: 0, lattice: Lattice::new(samples) }
     }
 
     /// The kind of points.
     pub fn set(&self) -> PointSet {
         self.set
+    }
+
+    /// Returns the points for a rendering of a number of samples, unless they name another one.
+    #[must_use]
+    pub fn planned(self, samples: u32) -> Self {
+        if self.set == PointSet::LATTICE { Self::new(PointSet::Lattice { samples }, self.seed) } else { self }
     }
 
     /// The seed.
@@ -161,7 +170,7 @@ impl Points {
                 independent(counter, self.seed, address.column, columns);
             }
             PointSet::Sobol => self.draw_sobol(address, columns),
-            PointSet::ZSobol { log2_samples } => self.draw_zsobol(log2_samples, address, columns),
+            PointSet::Lattice { .. } => self.draw_lattice(&self.lattice, address, columns),
         }
     }
 
@@ -176,13 +185,19 @@ impl Points {
         scrambled([round, sequence, SOBOL], self.seed, numbers, column, columns);
     }
 
-    fn draw_zsobol(&self, log2_samples: u32, address: Address, columns: Columns<'_>) {
+    /// Draws from the lattices of a number of samples; later samples come from the same lattices with other shifts.
+    fn draw_lattice(&self, lattice: &Lattice, address: Address, columns: Columns<'_>) {
         let Address { sequence, column, index, of } = address;
-        let log2_samples = log2_samples.min(PointSet::MAX_LOG2_SAMPLES);
-        let (round, sample) = (self.sample >> log2_samples, self.sample & ((1 << log2_samples) - 1));
-        let plan = zsobol::Plan::new(log2_samples + of.next_power_of_two().ilog2());
-        let order = self.order(sequence, round, ZSOBOL);
-        ordered((plan, sample * of + index, order), [round, sequence, ZSOBOL], self.seed, column, columns);
+        let round = self.sample / lattice.samples();
+        let purpose = match (sequence, column) {
+            (PRIMARY, 2) => 0,
+            // Directions of a technique, of which each sample takes one or several.
+            (PRIMARY | 2, _) => 1,
+            (3 | 5, _) => 2,
+            (other, _) => other + lattice::PURPOSES as u32,
+        };
+        let [first, second, third] = lattice.numbers(self.sample, purpose, (index, of));
+        shifted([round, sequence, LATTICE | column as u32], self.seed, [first, second, third, 0], columns);
     }
 
     /// Returns a random number for a sequence as a whole.
@@ -197,7 +212,7 @@ type Columns<'a> = [Option<&'a mut [Lanes]>; 4];
 // The purpose of words, in the last part of their counter; independent numbers have their candidate there,
 // which is below 2^29.
 const SOBOL: u32 = 1 << 31;
-const ZSOBOL: u32 = 1 << 30;
+const LATTICE: u32 = 1 << 30;
 const ORDER: u32 = 1 << 29;
 
 vectorized! {
@@ -231,32 +246,17 @@ vectorized! {
 }
 
 vectorized! {
-    /// Computes point `order.1` of each key's set in a `Plan` with the seed of its order, scrambled by the
-    /// words `from..` of the key's block and `others`.
-    fn ordered['a](
-        _simd,
-        order: (zsobol::Plan, u32, u32),
-        others: [u32; 3],
-        seed: u64,
-        from: usize,
-        columns: Columns<'a>,
-    ) {
+    /// Adds random words of each key and `others` to `numbers`, which are fractions of 2^32, modulo 1.
+    fn shifted['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; 4], columns: Columns<'a>) {
         let mut columns = columns;
-        let (plan, point, order) = order;
         for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
             let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
-            let mut blocks = [0; LANES];
-            for lane in 0..LANES {
-                blocks[lane] = plan.block(keys[lane]);
-            }
-            let words = philox([blocks, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
-            let indices = plan.indices(keys, point, order);
-            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
-                let mut numbers = sobol::reversed_lanes(indices, plan.index_digits(), dimension & 3);
+            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
+            for ((column, mut word), number) in columns.iter_mut().flatten().zip(words).zip(numbers) {
                 for lane in 0..LANES {
-                    numbers[lane] = owen::before_seed(numbers[lane]);
+                    word[lane] = word[lane].wrapping_add(number);
                 }
-                column[strip] = owen::scramble(numbers, words[dimension & 3]);
+                column[strip] = owen::unit(word);
             }
         }
     }

@@ -3,8 +3,6 @@
 //!
 //! Numbers are stored with their bits reversed, the first binary digit in bit 0, as [`super::owen`] requires.
 
-use crate::simd::LANES;
-
 /// Number of dimensions of the sequence.
 pub(super) const DIMENSIONS: usize = 4;
 
@@ -68,37 +66,6 @@ pub(super) fn reversed(index: u32, dimension: usize) -> u32 {
     sum
 }
 
-/// Returns a dimension of the point of each lane, reversed; indices have at most `digits` binary digits.
-#[inline(always)]
-pub(super) fn reversed_lanes(indices: [u32; LANES], digits: u32, dimension: usize) -> [u32; LANES] {
-    match dimension {
-        0 => indices,
-        1 => pascal(indices),
-        _ => {
-            let mut sums = [0; LANES];
-            for (digit, column) in COLUMNS[dimension].iter().enumerate().take(digits as usize) {
-                for lane in 0..LANES {
-                    sums[lane] ^= column & (indices[lane] >> digit & 1).wrapping_neg();
-                }
-            }
-            sums
-        }
-    }
-}
-
-/// Computes the second dimension, whose matrix is Pascal's triangle modulo 2: a product of five sparse ones.
-#[inline(always)]
-fn pascal(mut indices: [u32; LANES]) -> [u32; LANES] {
-    const STEPS: [(u32, u32); 5] =
-        [(1, 0xaaaa_aaaa), (2, 0xcccc_cccc), (4, 0xf0f0_f0f0), (8, 0xff00_ff00), (16, 0xffff_0000)];
-    for (shift, mask) in STEPS {
-        for lane in 0..LANES {
-            indices[lane] ^= (indices[lane] & mask) >> shift;
-        }
-    }
-    indices
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,19 +85,6 @@ mod tests {
         for (row, expected) in rows {
             let found = std::array::from_fn(|k| reversed(row ^ (row >> 1), k).reverse_bits());
             assert_eq!(found, expected, "row {row}");
-        }
-    }
-
-    #[test]
-    fn lanes_match_single_points() {
-        let mut index = 1_u32;
-        for digits in 1..=32 {
-            index = index.wrapping_mul(0x2c1b_3c6d).wrapping_add(0x297a_2d39);
-            let indices = std::array::from_fn(|lane| (index ^ ((lane as u32) << (digits / 2))) >> (32 - digits));
-            for dimension in 0..DIMENSIONS {
-                let expected = indices.map(|index| reversed(index, dimension));
-                assert_eq!(reversed_lanes(indices, digits, dimension), expected, "{digits} digits, {dimension}");
-            }
         }
     }
 }

@@ -2,12 +2,8 @@
 
 use super::*;
 
-const SETS: [PointSet; 4] = [
-    PointSet::Sobol,
-    PointSet::ZSobol { log2_samples: 0 },
-    PointSet::ZSobol { log2_samples: 5 },
-    PointSet::Independent,
-];
+const SETS: [PointSet; 4] =
+    [PointSet::Sobol, PointSet::LATTICE, PointSet::Lattice { samples: 22 }, PointSet::Independent];
 
 fn numbers(set: PointSet, seed: u64, key: u32, sample: u32, dimension: Dimension, bounce: u32) -> [f32; 4] {
     let mut out = [[[0.0; LANES]; 1]; 4];
@@ -47,8 +43,8 @@ fn numbers_depend_on_every_part_of_the_address() {
 #[test]
 fn points_do_not_repeat() {
     let first = |set, sample, dimension| numbers(set, 3, 9, sample, dimension, 0);
-    let zsobol = PointSet::ZSobol { log2_samples: 4 };
-    assert_ne!(first(zsobol, 5, Dimension::Light(0)), first(zsobol, 5 + 16, Dimension::Light(0)));
+    let lattice = PointSet::Lattice { samples: 22 };
+    assert_ne!(first(lattice, 5, Dimension::Light(0)), first(lattice, 5 + 22, Dimension::Light(0)));
     // Sample 2^31 takes points 2^32 and 2^32 + 1 of a sequence of two candidates.
     for index in [0, 1] {
         assert_ne!(
@@ -108,7 +104,6 @@ fn pixels_and_dimensions_are_not_correlated() {
     let of = |set, seed, dimension, bounce| numbers(set, seed, 5, 3, dimension, bounce);
     for set in SETS {
         let pairs: [(&str, &PairOfSeed<'_>); 7] = [
-            // For `ZSobol`, pixels of different blocks.
             ("pixels", &|seed| (light(set, seed, 70)[0], light(set, seed, 70 + (1 << 12))[0])),
             ("seeds", &|seed| (light(set, seed, 7)[1], light(set, seed + 1, 7)[1])),
             ("light and camera", &|seed| (light(set, seed, 5)[0], of(set, seed, Dimension::Camera, 0)[0])),
@@ -179,30 +174,6 @@ fn first_samples_of_a_pixel_are_nets() {
     // A later block of samples is a net as well, and the measure detects a non-net.
     assert_eq!(quality(&pairs(PointSet::Sobol, 77, 96..128, Dimension::Path, 1)), 0);
     assert!(quality(&pairs(PointSet::Independent, 77, 0..256, Dimension::Light(0), 0)) > 3);
-}
-
-#[test]
-fn samples_of_a_square_of_pixels_are_nets_under_zsobol() {
-    for log2_samples in [0, 1, 4, 5] {
-        let set = PointSet::ZSobol { log2_samples };
-        for (dimension, bounce) in [(Dimension::Light(0), 0), (Dimension::Path, 0), (Dimension::Light(0), 1)] {
-            for m in 0..=log2_samples {
-                assert_eq!(quality(&pairs(set, 77, 0..1 << m, dimension, bounce)), 0, "{set}, 2^{m} samples");
-            }
-            // The second set is a net, too.
-            for first in [0, 1 << log2_samples] {
-                for square in 0..=2 {
-                    let keys = (77 << (2 * square))..(78 << (2 * square));
-                    let samples = first..first + (1 << log2_samples);
-                    let all: Vec<_> =
-                        keys.flat_map(|key| pairs(set, key, samples.clone(), dimension, bounce)).collect();
-                    assert_eq!(quality(&all), 0, "{set}, {} pixels", 1 << (2 * square));
-                }
-            }
-        }
-        let of_square: Vec<_> = (4..8).flat_map(|key| candidates(set, key, 1 << log2_samples, 2)).collect();
-        assert_eq!(quality(&of_square), 0, "{set}");
-    }
 }
 
 /// A number does not depend on the batch that it is drawn in.
