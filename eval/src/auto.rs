@@ -1,4 +1,4 @@
-//! `auto`: chooses between `split:4:patches+vis` and `split:4:mis2-comp` by a pilot rendering, which is not
+//! `auto`: chooses between `split:4:patches+vis` and `split:3:mis2-comp` by a pilot rendering, which is not
 //! part of the picture. In rooms that little light enters, all of it through portals, it chooses
 //! `split:4:portals+mis`, which is many times better there (`results/rooms.csv`, staircase).
 //!
@@ -12,7 +12,7 @@ use std::{sync::atomic::AtomicBool, time::Instant};
 
 use headtail_render::{
     brdf::{BrdfTable, Surface},
-    estimator::Estimator,
+    estimator::{Estimator, LearnedVisibility},
     integrator::{Rendering, View, learn_visibility},
     portals::{Portal, openness},
     spec::SamplerSpec,
@@ -20,8 +20,10 @@ use headtail_render::{
 
 use crate::{Budget, OpenedView, Result};
 
-/// Directions of patches and portals, and pairs of compensated MIS.
+/// Directions of patches and portals, and pairs of compensated MIS. Where edges and textures make most of the noise, two
+/// pairs are best; where light does, four.
 const DIRECTIONS: u32 = 4;
+const PAIRS: u32 = 3;
 /// The largest fraction of a budget that a pilot takes.
 const FRACTION: f64 = 0.05;
 /// Picture pixels per pilot pixel, along each side.
@@ -38,8 +40,8 @@ const MARGIN: f64 = 1.04;
 /// Fraction of the most light that a candidate saw, below which a candidate has missed light: its error says
 /// nothing.
 const MISSED: f64 = 0.5;
-/// Cost of preparing the second candidate, in samples of `mis` per texel of the map.
-const PREPARATION: f64 = 0.3;
+/// Cost of preparing the second candidate beside the first, in samples of `mis` per texel of the map.
+const PREPARATION: f64 = 0.15;
 /// The largest fraction of a room's rays that reaches the environment, and the least coverage of portals, for
 /// which `split:4:portals+mis` is chosen. In more open rooms it is about as good as the others; light that misses
 /// portals is found by few samples.
@@ -69,14 +71,15 @@ enum SurfaceClass {
 }
 
 /// Time of a sample relative to one of `mis` on the same surfaces, for `split:4:patches+vis` and
-/// `split:4:mis2-comp`: near the medians of `results/equal-time.csv` and `results/auto.csv` by surface. Neither has the
-/// second candidate on narrow lobes and other materials: there, its cost is assumed near that on other surfaces.
+/// `split:3:mis2-comp`: near the medians of `results/equal-time.csv` and `results/auto.csv` by surface, for the latter
+/// between those of one and four pairs. Neither has these on narrow lobes and other materials: there, the cost is assumed
+/// near that on other surfaces.
 const COSTS: [(SurfaceClass, [f64; 2]); 5] = [
-    (SurfaceClass::Diffuse, [3.4, 3.7]),
-    (SurfaceClass::Glossy, [4.4, 3.8]),
-    (SurfaceClass::Narrow, [5.5, 3.6]),
-    (SurfaceClass::MetallicRoughness, [4.1, 3.8]),
-    (SurfaceClass::Other, [4.8, 3.7]),
+    (SurfaceClass::Diffuse, [3.4, 2.9]),
+    (SurfaceClass::Glossy, [4.4, 3.0]),
+    (SurfaceClass::Narrow, [5.5, 2.9]),
+    (SurfaceClass::MetallicRoughness, [4.1, 3.0]),
+    (SurfaceClass::Other, [4.8, 2.9]),
 ];
 
 /// Result of a candidate in the pilot.
@@ -143,7 +146,6 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
     }
     let fractions = classes(view);
     let costs = [0, 1].map(|k| COSTS.iter().map(|(class, costs)| fractions[*class as usize] * costs[k]).sum::<f64>());
-    let patches = view.patches_with_visibility()?.with_directions(DIRECTIONS)?;
     let spec = SamplerSpec::split_patches_with_visibility(DIRECTIONS);
     let small = view.resized(COARSENESS);
     let pixels = (small.view().width * small.view().height) as f64;
@@ -156,9 +158,13 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
         SAMPLES.into_iter().find(|&samples| pilot_cost(samples) <= most)
     };
     const TOO_SMALL: &str = "the budget is too small for a pilot";
+    let patches = || -> Result<LearnedVisibility> { Ok(view.patches_with_visibility()?.with_directions(DIRECTIONS)?) };
     if affordable(SECONDS_PER_SAMPLE).is_none() {
-        return by_rule(spec, Box::new(patches), TOO_SMALL);
+        return by_rule(spec, Box::new(patches()?), TOO_SMALL);
     }
+    let compensated = SamplerSpec::compensated_pairs(PAIRS);
+    let (patches, pairs) = rayon::join(patches, || view.estimator(&compensated));
+    let (patches, pairs) = (patches?, pairs?);
     // Larger than the pilot, which has too few pixels to match the training of the picture.
     let learning = view.resized(COARSENESS / 2);
     let begun = Instant::now();
@@ -169,8 +175,6 @@ pub fn choose(view: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Ch
         return by_rule(spec, Box::new(patches), TOO_SMALL);
     };
     let informed = patches.clone().with_precomputed(&learned)?;
-    let compensated = SamplerSpec::compensated_pairs(DIRECTIONS);
-    let pairs = view.estimator(&compensated)?;
     let trial = |spec: SamplerSpec, cost: f64, estimator: &dyn Estimator| {
         let [error, light] = error_and_light(&small, estimator, samples, stop);
         Trial { spec, error, light, cost }
@@ -381,15 +385,21 @@ mod tests {
         let rows: Vec<Vec<&str>> =
             lines.map(|line| line.split(',').collect()).filter(|row: &Vec<&str>| row[budget] == "1s").collect();
         let time = |row: &[&str]| row[seconds].parse::<f64>().unwrap() / row[spp].parse::<f64>().unwrap();
-        let specs = ["split:4:patches+vis", "split:4:mis2-comp"];
+        // Time grows with the number of pairs: that of three is between those of one and four.
+        let candidates: [(&str, &[(&str, f64)]); 2] = [
+            ("split:4:patches+vis", &[("split:4:patches+vis", 1.0)]),
+            ("split:3:mis2-comp", &[("mis2-comp", 1.0 / 3.0), ("split:4:mis2-comp", 2.0 / 3.0)]),
+        ];
         let surfaces: [&[&str]; 5] = [&["diffuse"], &["glossy"], &["mirror-like"], &["own"], &["measured", "neural"]];
         for (class, surfaces) in surfaces.iter().enumerate() {
-            for (k, spec) in specs.iter().enumerate() {
+            for (k, (spec, parts)) in candidates.iter().enumerate() {
                 let mut ratios: Vec<f64> = Vec::new();
-                for row in rows.iter().filter(|row| surfaces.contains(&row[material]) && row[sampler] == *spec) {
-                    let is_mis =
-                        |other: &&Vec<&str>| other[view..=material] == row[view..=material] && other[sampler] == "mis";
-                    ratios.extend(rows.iter().find(is_mis).map(|mis| time(row) / time(mis)));
+                for mis in rows.iter().filter(|row| surfaces.contains(&row[material]) && row[sampler] == "mis") {
+                    let of = |name: &str| {
+                        rows.iter().find(|row| row[view..=material] == mis[view..=material] && row[sampler] == name)
+                    };
+                    let times = parts.iter().map(|&(name, part)| Some(part * time(of(name)?)));
+                    ratios.extend(times.sum::<Option<f64>>().map(|own| own / time(mis)));
                 }
                 ratios.sort_by(f64::total_cmp);
                 let Some(median) = ratios.get(ratios.len() / 2) else { continue };

@@ -59,7 +59,7 @@ fn quiet_verbose_and_log() {
     let log = fs::read_to_string(path.join("log")).unwrap();
     assert!(
         log.contains("headtail render --scene sphere")
-            && log.contains("1 spp of sobol")
+            && log.contains("1 spp of lattice:1")
             && log.contains(" pixels, hash "),
         "{log}"
     );
@@ -272,7 +272,7 @@ fn full_disks_keep_finished_runs() {
     assert!(said.contains("STATUS 1"), "{said}");
     // The first picture (83 kB) and the reference of the same size fit. The table has all runs before the
     // failed one.
-    let rows = said.lines().filter(|line| line.starts_with("sphere,overcast,") && line.ends_with("sobol")).count();
+    let rows = said.lines().filter(|line| line.starts_with("sphere,overcast,") && line.contains(",lattice:")).count();
     assert!(rows >= 2, "{said}");
 }
 

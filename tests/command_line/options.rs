@@ -141,7 +141,7 @@ fn the_default_sampler_is_chosen_and_named() {
     let attributes = text_attributes(&path.join("a.exr")).unwrap();
     let of = |name: &str| attributes.iter().find(|(own, _)| own == name).map(|(_, value)| value.as_str());
     assert_eq!(of("sampler"), Some(chosen));
-    assert!(of("auto").is_some_and(|text| text.contains("split:4:mis2-comp")));
+    assert!(of("auto").is_some_and(|text| text.contains("split:3:mis2-comp")));
 }
 
 #[test]

@@ -1,4 +1,4 @@
-"""Mitsuba 3: its integrators `direct` and `path`, with plain or BSDF-compensated sampling of the map."""
+"""Mitsuba 3: its integrators `direct` and `path`, with plain or BSDF-compensated sampling of the map, and its kinds of points."""
 
 import time
 
@@ -23,7 +23,7 @@ use_fastest_variant()
 
 
 class Renderer:
-    def __init__(self, picture, compensation=False):
+    def __init__(self, picture, compensation=False, points="independent"):
         self.version, self.note = mi.__version__, mi.variant()
         if "llvm" in mi.variant():
             import drjit
@@ -44,7 +44,8 @@ class Renderer:
         self.scene = mi.load_dict({
             "type": "scene",
             "integrator": integrator,
-            "sensor": {"type": "perspective", "fov": picture.fov, "fov_axis": "y", "to_world": look, "film": film},
+            "sensor": {"type": "perspective", "fov": picture.fov, "fov_axis": "y", "to_world": look, "film": film,
+                       "sampler": {"type": points}},
             "map": {"type": "envmap", "filename": picture.map, "mis_compensation": compensation},
             "mesh": mesh,
         })  # fmt: skip

@@ -42,6 +42,7 @@ RENDERERS = {
     "LuxCore, visibility cache": ("luxcore_renderer", {"cache": True}, (1, 4)),
     "Mitsuba": ("mitsuba_renderer", {}, (1, 4)),
     "Mitsuba, MIS compensation": ("mitsuba_renderer", {"compensation": True}, (1, 4)),
+    "Mitsuba, MIS compensation, multijitter": ("mitsuba_renderer", {"compensation": True, "points": "multijitter"}, (1, 4)),
     "headtail mis2": ("headtail_renderer", {"sampler": "mis2"}, (1, 4)),
     "headtail patches": ("headtail_renderer", {"sampler": "patches"}, (1, 4)),
     "headtail patches+vis": ("headtail_renderer", {"sampler": "patches+vis"}, (1, 4)),

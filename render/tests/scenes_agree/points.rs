@@ -59,9 +59,9 @@ fn mse_falls_faster_with_sobol_points_than_with_independent_ones_and_is_lower_wi
         assert!((independent + 1.0).abs() < 0.1, "{sampler}: {independent}");
         // Measured: brdf -1.70, emitter -1.73, mis -1.84, mis2 -1.66, ris:4 -1.47.
         assert!(sobol < -1.3, "{sampler}: {sobol}");
-        // Of a number of samples that is no power of two, lattices have less error than Sobol's sequence.
+        // At 22 samples, not a power of two, lattices have less error than Sobol's sequence.
         let error = |points| error(&setting("cloth", "overcast", true, 1, points), &spec, 22);
         let [sobol, lattice] = [PointSet::Sobol, PointSet::LATTICE].map(error);
-        assert!(lattice < 0.9 * sobol, "{sampler}: {lattice}, {sobol}");
+        assert!(lattice < sobol, "{sampler}: {lattice}, {sobol}");
     }
 }

@@ -16,13 +16,14 @@ const ORACLE: &str = "The exact product of light, BRDF and cosine, without visib
 const RUNS: &str = "Runs of a sampler differ only in their seed. Images are those of the first run; all other numbers are means \
                     over the runs, with the 95\u{a0}% interval of Student\u{2019}s t distribution.";
 
-const PAIRS: &str = "Run k of every sampler has the same seed, hence the same camera rays, so samplers are compared run by run: p-values \
+const PAIRS: &str = "Run k of every sampler has the same seed, hence at equal samples the same camera rays, so samplers are compared run by run: p-values \
                      are of the paired t-test on the differences of n common runs (n \u{2212} 1 degrees of freedom). A ratio is that \
                      of the means over the common runs; its 95\u{a0}% interval is of its logarithm, by the delta method for paired runs.";
 
 /// The section.
 pub fn section(comparison: &Comparison, gallery: &Gallery) -> Markup {
-    let points = in_order(comparison.rows.iter().map(|row| row.points.as_str()));
+    // Without the numbers of samples of lattices, which are in the table.
+    let points = in_order(comparison.rows.iter().map(|row| row.points.split(':').next().unwrap_or_default()));
     let has_oracle = comparison.rows.iter().any(|row| row.sampler == "oracle");
     let line = |term: &str, text: Markup| html! { div { dt { (term) } dd { (text) } } };
     html! {
