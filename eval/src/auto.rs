@@ -25,7 +25,7 @@ use crate::{Budget, OpenedView, Result};
 const DIRECTIONS: u32 = 4;
 const PAIRS: u32 = 3;
 /// The largest fraction of a budget that a pilot takes.
-const FRACTION: f64 = 0.05;
+const FRACTION: f64 = 0.06;
 /// Picture pixels per pilot pixel, along each side.
 const COARSENESS: usize = 8;
 /// Samples per pixel of the pilot; the most that fit are taken. With 2, fireflies decide too often; 16 decide
