@@ -21,8 +21,8 @@ fn agrees(mode: Mode) -> Result<(), Failed> {
     let mut config = FitConfig { conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
     config.head.mode = mode;
     let trial = BackendTrial { config, steps: 3 };
-    let host = trial.run(Backend::Flex, &target, &[])?;
-    let row = trial.run(Backend::Wgpu, &target, &host.losses)?;
+    let host = trial.run(Backend::Flex, &target, &[], &|_| {})?;
+    let row = trial.run(Backend::Wgpu, &target, &host.losses, &|_| {})?;
     // Sums of some thousand f32 terms; every gradient must agree to 1e-4.
     if row.gradient_error >= 1e-4 || row.largest_loss_difference >= 1e-3 || !row.final_loss.is_finite() {
         return Err(format!("{row:?}").into());
