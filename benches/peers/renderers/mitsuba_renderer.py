@@ -1,4 +1,4 @@
-"""Mitsuba 3: its integrators `direct` and `path`, with plain or BSDF-compensated sampling of the map, and its kinds of points."""
+"""Mitsuba 3: its integrators `direct` and `path`, plain or BSDF-compensated sampling of the map, any kind of points."""
 
 import time
 
@@ -44,8 +44,10 @@ class Renderer:
         self.scene = mi.load_dict({
             "type": "scene",
             "integrator": integrator,
-            "sensor": {"type": "perspective", "fov": picture.fov, "fov_axis": "y", "to_world": look, "film": film,
-                       "sampler": {"type": points}},
+            "sensor": {
+                "type": "perspective", "fov": picture.fov, "fov_axis": "y", "to_world": look, "film": film,
+                "sampler": {"type": points},
+            },
             "map": {"type": "envmap", "filename": picture.map, "mis_compensation": compensation},
             "mesh": mesh,
         })  # fmt: skip
