@@ -5,10 +5,15 @@ use std::{cmp::Ordering, collections::BinaryHeap};
 use glam::{DVec3, Vec3};
 
 use super::moments::MomentMap;
-use crate::tail::{Hierarchical, Node};
+use crate::{
+    columns::vectorized,
+    tail::{Hierarchical, Node},
+};
 
 /// Number of normals for which the description is evaluated.
 const NORMALS: usize = 96;
+/// Normals whose sums are kept in registers.
+const BLOCK: usize = 32;
 /// A node is evaluated by its parts this many levels below.
 const LEVELS: u32 = 8;
 /// Smallest side of a patch's rectangle in Y: 16 steps of f32 below 1.
@@ -126,22 +131,38 @@ impl<'a> Choice<'a> {
 
     /// Returns for each normal the light of a node's parts times the clamped cosine, and times its square.
     fn cosine_sums(&self, node: Node, levels: u32) -> ([f32; NORMALS], [f32; NORMALS]) {
+        let parts = node.descendants(levels).into_iter().map(|part| self.map.moments(part));
+        let lights: Vec<(Vec3, f32)> = parts
+            .filter(|moments| moments.energy > 0.0)
+            .map(|moments| (moments.centroid().as_vec3(), moments.energy as f32))
+            .collect();
         let (mut first, mut second) = ([0.0; NORMALS], [0.0; NORMALS]);
-        for part in node.descendants(levels) {
-            let moments = self.map.moments(part);
-            if moments.energy > 0.0 {
-                let (w, energy): (Vec3, f32) = (moments.centroid().as_vec3(), moments.energy as f32);
-                let [x, y, z] = &self.normals;
-                for k in 0..NORMALS {
-                    let cosine = x[k] * w.x + y[k] * w.y + z[k] * w.z;
-                    let cosine = if cosine > 0.0 { cosine } else { 0.0 };
-                    first[k] += energy * cosine;
-                    second[k] += energy * cosine * cosine;
-                }
-            }
-        }
+        sum_cosines(&lights, &self.normals, &mut first, &mut second);
         (first, second)
     }
+}
+
+vectorized! {
+/// Sums light times the clamped cosine, and times its square, for each normal.
+fn sum_cosines['a](
+    _simd, lights: &'a [(Vec3, f32)], normals: &'a [[f32; NORMALS]; 3], first: &'a mut [f32; NORMALS],
+    second: &'a mut [f32; NORMALS],
+) {
+    let [x, y, z] = normals;
+    for start in (0..NORMALS).step_by(BLOCK) {
+        let ([x, y, z], mut sums) = ([x, y, z].map(|axis| &axis[start..][..BLOCK]), [[0.0; BLOCK]; 2]);
+        for &(w, energy) in lights {
+            for k in 0..BLOCK {
+                let cosine = x[k] * w.x + y[k] * w.y + z[k] * w.z;
+                let cosine = if cosine > 0.0 { cosine } else { 0.0 };
+                sums[0][k] += energy * cosine;
+                sums[1][k] += energy * cosine * cosine;
+            }
+        }
+        first[start..][..BLOCK].copy_from_slice(&sums[0]);
+        second[start..][..BLOCK].copy_from_slice(&sums[1]);
+    }
+}
 }
 
 /// Returns the chosen nodes depth first.

@@ -77,12 +77,7 @@ impl Patch {
         let spread = 3.0 * covariance;
         let regular = spread + DMat3::from_diagonal(glam::DVec3::splat(f64::from(LEAST_VARIANCE)));
         let inverse = regular.inverse();
-        let (mut reach, mut mahalanobis) = (0.0_f64, 0.0_f64);
-        map.each_direction(node, |_, w| {
-            let d = w - s;
-            reach = reach.max(d.length_squared());
-            mahalanobis = mahalanobis.max(d.dot(inverse * d));
-        });
+        let [reach, mahalanobis] = map.farthest(node, s, inverse);
         let reach = reach.sqrt();
         let diagonal = glam::DVec3::new(spread.col(0)[0], spread.col(1)[1], spread.col(2)[2]);
         Self {
@@ -94,13 +89,8 @@ impl Patch {
             // Exceeds the f32 rounding of its factor.
             mahalanobis: 1.001 * mahalanobis.max(0.0).sqrt() as f32,
             cell: cell as f32,
-            variance: (diagonal.element_sum() / 3.0) as f32,
+            variance: moments.variance() as f32,
         }
-    }
-
-    /// The variance of its directions, along all axes.
-    pub fn variance(&self) -> f32 {
-        self.variance
     }
 
     /// Stores the patch in a lane of a block.
@@ -426,7 +416,7 @@ mod tests {
                 let n = Vec3::from(random.direction());
                 let bound = patch.cosines(Scalar, n).bound;
                 let mass = patch.diffuse_mass::<_, true>(Scalar, n) / patch.energy;
-                map.each_direction(node, |_, w| {
+                map.each_direction(node, |w, _, _| {
                     let cosine = n.dot(w.as_vec3());
                     assert!(cosine <= bound + 1e-6, "{node:?} {n}: {cosine} {bound}");
                     // This bounds sample weights by 1 / 0.15 relative to the leaf's mass.

@@ -1,11 +1,11 @@
 //! Moments of a map's light over rectangles of its cells.
 
-use std::ops::Add;
+use std::ops::{Add, Range};
 
 use crate::parallel::*;
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
-use crate::{environment::BilinearDensity, simd, tail::Node};
+use crate::{columns::vectorized, environment::BilinearDensity, simd, tail::Node};
 
 /// Light of a rectangle: its energy, and the energy times the first and second moments of its directions.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,6 +56,12 @@ impl Moments {
         self.squared / self.energy
     }
 
+    /// The mean variance of the directions along an axis.
+    pub fn variance(&self) -> f64 {
+        let covariance = self.covariance();
+        (3.0 * covariance.x_axis.x + 3.0 * covariance.y_axis.y + 3.0 * covariance.z_axis.z) / 3.0
+    }
+
     /// The covariance of the directions.
     pub fn covariance(&self) -> DMat3 {
         let [xx, yy, zz, xy, xz, yz] = self.second.map(|moment| moment / self.energy);
@@ -76,8 +82,12 @@ pub struct MomentMap<'a> {
     root: Node,
     /// Points along a side of a cell.
     points: usize,
-    /// Cosine and sine of the azimuth of each column of points, and of the polar angle of each row.
-    angles: [Vec<(f32, f32)>; 2],
+    /// Cosines and sines of the azimuth of each column of points, and of the polar angle of each row.
+    angles: [[Vec<f32>; 2]; 2],
+    /// Whether there is light at the points, row by row.
+    lit: Vec<bool>,
+    /// Solid angle of the sphere over area of X, for each row of points.
+    solid_angles: Vec<f64>,
     /// Root first; each row by row.
     levels: Vec<Vec<Moments>>,
 }
@@ -87,7 +97,10 @@ impl<'a> MomentMap<'a> {
     pub fn new(density: &'a BilinearDensity) -> Self {
         let root = Node::root(density.columns(), density.rows());
         let points = LEAST_ROWS.div_ceil(density.rows().min(density.columns().div_ceil(2)).max(1)).max(1);
-        let mut map = Self { density, root, points, angles: angles(density, points), levels: Vec::new() };
+        let angles = angles(density, points);
+        let solid_angles = angles[1][0].iter().map(|&cosine| solid_angle(f64::from(cosine))).collect();
+        let lit = lit(density, points);
+        let mut map = Self { density, root, points, angles, lit, solid_angles, levels: Vec::new() };
         let mut shape = root;
         while !shape.is_cell() && map.bits_above(shape) < KEPT_BITS {
             shape = shape.children()[0];
@@ -126,27 +139,52 @@ impl<'a> MomentMap<'a> {
         level[(node.row >> node.height_bits) as usize * width + (node.column >> node.width_bits) as usize]
     }
 
-    /// Calls `visit` with each direction of a node at which there is light, and its fraction of the whole.
-    pub fn each_direction(&self, node: Node, mut visit: impl FnMut(f64, DVec3)) {
-        let (columns, rows) = (self.density.columns(), self.density.rows());
+    /// Calls `visit` with each direction of a node at which there is light, its fraction of the whole, and its
+    /// density over solid angle.
+    #[inline(always)]
+    pub fn each_direction(&self, node: Node, mut visit: impl FnMut(DVec3, f64, f64)) {
         let side = self.points;
-        let points = (columns * rows * side * side) as f64;
-        let [across, down] = &self.angles;
-        let of_node = |start: u32, bits: u32, end: usize| start as usize..(start as usize + (1 << bits)).min(end);
-        for row in of_node(node.row, node.height_bits, rows) {
-            for column in of_node(node.column, node.width_bits, columns) {
-                let corners = self.density.corners(column, row);
-                if corners.mean() <= 0.0 {
+        let points = self.lit.len() as f64;
+        let [[cos_phi, sin_phi], [cos_theta, sin_theta]] = &self.angles;
+        let [columns, rows] = self.cells(node);
+        for row in rows {
+            for column in columns.clone() {
+                if !self.lit[row * side * cos_phi.len() + column * side] {
                     continue;
                 }
+                let corners = self.density.corners(column, row);
                 for (k, inside) in insides(side).enumerate() {
-                    let (cos_phi, sin_phi) = across[column * side + k % side];
-                    let (cos_theta, sin_theta) = down[row * side + k / side];
-                    let w = Vec3::new(sin_phi * sin_theta, cos_theta, -cos_phi * sin_theta);
-                    visit(f64::from(corners.evaluate(inside)) / points, w.as_dvec3());
+                    let (i, j) = (column * side + k % side, row * side + k / side);
+                    let w = Vec3::new(sin_phi[i] * sin_theta[j], cos_theta[j], -cos_phi[i] * sin_theta[j]);
+                    let energy = f64::from(corners.evaluate(inside)) / points;
+                    visit(w.as_dvec3(), energy, energy * points / self.solid_angles[j]);
                 }
             }
         }
+    }
+
+    /// Returns the largest squared distance from `s` of the directions of a node at which there is light, and the
+    /// largest in the metric of a symmetric matrix.
+    pub fn farthest(&self, node: Node, s: DVec3, metric: DMat3) -> [f64; 2] {
+        let side = self.points;
+        let [columns, rows] = self.cells(node).map(|cells| cells.start * side..cells.end * side);
+        let [[cos_phi, sin_phi], [cos_theta, sin_theta]] = &self.angles;
+        let (width, azimuths) = (cos_phi.len(), [&cos_phi[columns.clone()], &sin_phi[columns.clone()]]);
+        let lit = &self.lit[rows.start * width + columns.start..];
+        let mut farthest = [0.0; 2];
+        let polar_angles = [&cos_theta[rows.clone()], &sin_theta[rows]];
+        farthest_points(azimuths, polar_angles, lit, width, s, metric, &mut farthest);
+        farthest
+    }
+
+    /// Returns the columns and rows of a node that the map has.
+    fn cells(&self, node: Node) -> [Range<usize>; 2] {
+        let of_node =
+            |start: u32, bits: u32, end: usize| (start as usize).min(end)..(start as usize + (1 << bits)).min(end);
+        [
+            of_node(node.column, node.width_bits, self.density.columns()),
+            of_node(node.row, node.height_bits, self.density.rows()),
+        ]
     }
 
     /// Levels between the root and a node.
@@ -156,12 +194,8 @@ impl<'a> MomentMap<'a> {
 
     fn sum_cells(&self, node: Node) -> Moments {
         let variance = self.step() * self.step() / 12.0;
-        let points = (self.density.columns() * self.density.rows() * self.points * self.points) as f64;
         let mut sum = Moments::default();
-        self.each_direction(node, |energy, w| {
-            let over_sphere = 2.0 * std::f64::consts::PI.powi(2) * (1.0 - w.y * w.y).max(1e-14).sqrt();
-            sum = sum + Moments::of(energy, energy * points / over_sphere, w, variance);
-        });
+        self.each_direction(node, |w, energy, density| sum = sum + Moments::of(energy, density, w, variance));
         sum
     }
 
@@ -186,12 +220,11 @@ impl<'a> MomentMap<'a> {
                 [2 * row * width + column, (2 * row + 1) * width + column]
             }
         };
-        (0..height * width)
-            .map(|k| {
-                let [first, second] = pair(k / width, k % width);
-                finer[first] + finer[second]
-            })
-            .collect()
+        let sum = |k: usize| {
+            let [first, second] = pair(k / width, k % width);
+            finer[first] + finer[second]
+        };
+        (0..height * width).into_par_iter().map(sum).collect()
     }
 }
 
@@ -201,7 +234,7 @@ fn insides(side: usize) -> impl Iterator<Item = Vec2> {
 }
 
 /// Cosines and sines of azimuths and polar angles, of which [`crate::latlong::direction`] takes products.
-fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
+fn angles(density: &BilinearDensity, side: usize) -> [[Vec<f32>; 2]; 2] {
     let inside = |i: usize| ((i % side) as f32 + 0.5) / side as f32;
     let across = |i: usize| {
         let x = density.point((i / side) as u32, 0, Vec2::new(inside(i), 0.0));
@@ -211,7 +244,77 @@ fn angles(density: &BilinearDensity, side: usize) -> [Vec<(f32, f32)>; 2] {
         let x = density.point(0, (i / side) as u32, Vec2::new(0.0, inside(i)));
         simd::cos_sin_turns(0.5 * x.y)
     };
-    [(0..density.columns() * side).map(across).collect(), (0..density.rows() * side).map(down).collect()]
+    let unzip = |angles: (Vec<f32>, Vec<f32>)| [angles.0, angles.1];
+    [unzip((0..density.columns() * side).map(across).unzip()), unzip((0..density.rows() * side).map(down).unzip())]
+}
+
+/// Whether there is light in the cells of points, row by row of points.
+fn lit(density: &BilinearDensity, side: usize) -> Vec<bool> {
+    let width = density.columns() * side;
+    let mut lit = vec![false; width * density.rows() * side];
+    lit.par_chunks_mut(width).enumerate().for_each(|(row, lit)| {
+        for (column, lit) in lit.chunks_exact_mut(side).enumerate() {
+            lit.fill(density.corners(column, row / side).mean() > 0.0);
+        }
+    });
+    lit
+}
+
+/// The solid angle of the sphere over the area of X, at a cosine of the polar angle.
+fn solid_angle(cosine: f64) -> f64 {
+    2.0 * std::f64::consts::PI.powi(2) * (1.0 - cosine * cosine).max(1e-14).sqrt()
+}
+
+/// Columns of points side by side.
+const COLUMNS: usize = 8;
+
+/// The directions of a row of points.
+#[derive(Clone, Copy)]
+struct PointRow<'a> {
+    cos_phi: &'a [f32],
+    sin_phi: &'a [f32],
+    cos_theta: f32,
+    sin_theta: f32,
+    lit: &'a [bool],
+}
+
+vectorized! {
+/// [`MomentMap::farthest`] over rows of points, `width` apart in `lit`.
+fn farthest_points['a](
+    _simd, azimuths: [&'a [f32]; 2], polar_angles: [&'a [f32]; 2], lit: &'a [bool], width: usize,
+    s: DVec3, metric: DMat3, out: &'a mut [f64; 2],
+) {
+    let ([cos_phi, sin_phi], columns) = (azimuths, azimuths[0].len());
+    let whole = columns / COLUMNS * COLUMNS;
+    let (mut wide, mut narrow) = ([[0.0; COLUMNS]; 2], [[0.0; 1]; 2]);
+    for (row, (&cos_theta, &sin_theta)) in polar_angles[0].iter().zip(polar_angles[1]).enumerate() {
+        let lit = &lit[row * width..][..columns];
+        let row = PointRow { cos_phi, sin_phi, cos_theta, sin_theta, lit };
+        for start in (0..whole).step_by(COLUMNS) {
+            farthest_of(row, start, s, &metric, &mut wide);
+        }
+        for start in whole..columns {
+            farthest_of(row, start, s, &metric, &mut narrow);
+        }
+    }
+    for (out, (wide, narrow)) in out.iter_mut().zip(wide.iter().zip(&narrow)) {
+        *out = wide.iter().chain(narrow).fold(0.0, |most: f64, &square| most.max(square));
+    }
+}
+}
+
+/// Updates the largest squared distances of `N` points of a row from `start` on.
+#[inline(always)]
+fn farthest_of<const N: usize>(row: PointRow<'_>, start: usize, s: DVec3, metric: &DMat3, most: &mut [[f64; N]; 2]) {
+    let (cos_phi, sin_phi, lit) = (&row.cos_phi[start..][..N], &row.sin_phi[start..][..N], &row.lit[start..][..N]);
+    for k in 0..N {
+        let w = Vec3::new(sin_phi[k] * row.sin_theta, row.cos_theta, -cos_phi[k] * row.sin_theta);
+        let d = w.as_dvec3() - s;
+        let squares = [d.length_squared(), d.dot(*metric * d)];
+        for (most, square) in most.iter_mut().zip(squares) {
+            most[k] = if lit[k] & (square > most[k]) { square } else { most[k] };
+        }
+    }
 }
 
 #[cfg(test)]
@@ -255,7 +358,7 @@ mod tests {
                 }
             }
             let mut found = Vec::new();
-            map.each_direction(map.root(), |_, w| found.push(w));
+            map.each_direction(map.root(), |w, _, _| found.push(w));
             assert_eq!(found, expected);
         }
     }

@@ -7,7 +7,7 @@
 //! of 1/4 makes that number random: from 4 samples on, stratified points place the exact number of samples in
 //! 1/4, 1/2 and 3/4 of a dimension.
 
-use super::{mass::Patch, moments::MomentMap};
+use super::moments::MomentMap;
 use crate::{
     simd::{LANES, Lanes},
     tail::Node,
@@ -29,7 +29,7 @@ const MOST: f32 = 0.875;
 
 /// Whether a cluster is a small light, or one with its glow.
 pub fn is_small(map: &MomentMap<'_>, cluster: Node) -> bool {
-    let variance = |node| Patch::new(map, node).variance();
+    let variance = |node| map.moments(node).variance() as f32;
     let whole = variance(cluster);
     whole < SMALL || (whole < SMALL_WITH_GLOW && variance(core(map, cluster)) < SMALL_CORE)
 }

@@ -44,9 +44,13 @@ impl Node {
 
     /// Returns the nodes `levels` below, or its cells if there are fewer levels.
     pub fn descendants(self, levels: u32) -> Vec<Self> {
-        let mut nodes = vec![self];
-        for _ in 0..levels.min(self.width_bits + self.height_bits) {
-            nodes = nodes.into_iter().flat_map(Self::children).collect();
+        let levels = levels.min(self.width_bits + self.height_bits);
+        let mut nodes = vec![self; 1 << levels];
+        for level in 0..levels {
+            // From the last one, so that none is overwritten before it is halved.
+            for k in (0..1 << level).rev() {
+                [nodes[2 * k], nodes[2 * k + 1]] = nodes[k].children();
+            }
         }
         nodes
     }
