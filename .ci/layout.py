@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# A crate whose folder does not exist has no modules.
-CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "capi/src", "eval/src", "src"]
+# A crate whose folder does not exist has no modules. A binary of several files is a crate of its own.
+CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "capi/src", "eval/src", "eval/src/bin/results", "src", "python/src"]
 WIDTH = 120
 
 # Comments, raw strings, strings and characters: their braces and paths are not code.
@@ -75,6 +75,8 @@ def graph_of(crate):
     modules = {}
     for file in (ROOT / crate).rglob("*.rs"):
         name = file.relative_to(ROOT / crate).with_suffix("").parts
+        if name[0] == "bin":
+            continue
         modules[name[:-1] if name[-1] == "mod" else name] = file
     graph = {}
     for module, file in modules.items():

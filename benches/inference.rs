@@ -6,7 +6,6 @@
 
 use std::hint::black_box;
 
-use burn::prelude::Device;
 use divan::{Bencher, counter::ItemsCount};
 use glam::{Vec3, Vec3A};
 use headtail_model::Mode;
@@ -35,7 +34,9 @@ const HEADS: [(Preset, Mode); 5] = [
 fn head((preset, mode): (Preset, Mode)) -> Head {
     let mut config = preset.config().head;
     config.mode = mode;
-    let head = headtail_model::Head::new(config, 0, &Device::flex()).expect("a valid head");
+    let head =
+        headtail_model::Head::new(config, 0, &headtail_train::Backend::default().device().expect("it is compiled"))
+            .expect("a valid head");
     native_head(&head).expect("finite weights")
 }
 

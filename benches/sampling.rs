@@ -11,7 +11,6 @@ use std::{
     sync::{Arc, LazyLock},
 };
 
-use burn::prelude::Device;
 use divan::{Bencher, counter::ItemsCount};
 use glam::{Vec3, Vec3A};
 use headtail_model::HeadConfig;
@@ -107,7 +106,9 @@ fn direct(side: usize) -> impl Sampler {
 
 fn head(share: bool) -> Head {
     let config = HeadConfig { share, ..HeadConfig::COSINE };
-    let head = headtail_model::Head::new(config, 0, &Device::flex()).expect("a valid head");
+    let head =
+        headtail_model::Head::new(config, 0, &headtail_train::Backend::default().device().expect("it is compiled"))
+            .expect("a valid head");
     native_head(&head).expect("finite weights")
 }
 

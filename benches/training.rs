@@ -32,7 +32,7 @@ fn batch(conditions: usize, strata: usize) -> Batch {
 }
 
 fn head(mode: Mode) -> (Head, burn::prelude::Device) {
-    let device = Backend::Flex.device().expect("flex is compiled").autodiff();
+    let device = Backend::default().device().expect("it is compiled").autodiff();
     (Head::new(HeadConfig { mode, ..HeadConfig::MICROFACET }, 0, &device).expect("a valid head"), device)
 }
 

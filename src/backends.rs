@@ -1,9 +1,11 @@
-//! `headtail backends`: the same short training on every compiled backend, side by side.
+//! `headtail backends`: the same short training with every form of the gradient on every compiled backend, side by side.
 
 use anyhow::{Result, ensure};
 use clap::Args;
 use headtail_render::{environment::Environment, tail::Tail};
-use headtail_train::{Backend, BackendTrial, Error, GradientForm, Preset, TrialRow, Viewpoints, build_target};
+use headtail_train::{
+    Backend, BackendTrial, Error, FitConfig, GradientForm, Preset, TrialRow, Viewpoints, build_target,
+};
 
 use crate::progress;
 use crate::terminal::out;
@@ -12,10 +14,10 @@ use crate::terminal::out;
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "Examples:
   headtail backends
-  headtail backends --preset paper-cosine --mode autoregressive --backend flex --json
+  headtail backends --preset paper-cosine --mode autoregressive --backend ndarray --json
   headtail backends --gradient in-graph --conditions 16 --samples 64
 
-Each row is one backend: points per second through forward, backward and optimiser, and with the time in which targets are drawn; the \
+Each row is one form of the gradient: fused, the same code for all CPU backends, then in the graph of each backend. It has points per second through forward, backward and optimiser, and with the time in which targets are drawn; the \
 process's peak memory; the last loss; the largest difference of a step's loss to the first row's; and the gradient's difference to \
 central differences in f64, relative to its norm.")]
 pub struct Arguments {
@@ -37,12 +39,12 @@ pub struct Arguments {
     /// Steps. If there are several, the first is not timed.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     steps: u32,
-    /// Run only this backend: flex, ndarray or wgpu.
+    /// Run only this backend: ndarray, flex or wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
-    /// How gradients are computed: auto, fused or in-graph.
-    #[arg(long, default_value = "auto", value_parser = parse::<GradientForm>)]
-    gradient: GradientForm,
+    /// Run only this form of the gradient: fused or in-graph.
+    #[arg(long, value_parser = form)]
+    gradient: Option<GradientForm>,
     /// Print an array of JSON objects.
     #[arg(long)]
     json: bool,
@@ -51,6 +53,25 @@ pub struct Arguments {
 /// Parses a value by its name in configuration files.
 pub fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(text.into()).map_err(|error: serde_json::Error| error.to_string())
+}
+
+/// Parses a form of the gradient.
+fn form(text: &str) -> Result<GradientForm, String> {
+    let found = GradientForm::FORMS.into_iter().find(|form| form.to_string() == text);
+    found.ok_or_else(|| "choose fused or in-graph".to_owned())
+}
+
+impl Arguments {
+    /// Returns the wanted backends and forms. The fused form does not use the backend, so that one host backend stands for all.
+    fn pairs(&self) -> Vec<(Backend, GradientForm)> {
+        let fused = (self.backend.unwrap_or_default(), GradientForm::Fused);
+        let in_graph = Backend::ALL.map(|backend| (backend, GradientForm::InGraph));
+        let mut pairs: Vec<_> = std::iter::once(fused).filter(|pair| pair.0.is_host()).chain(in_graph).collect();
+        pairs.retain(|(backend, form)| {
+            self.backend.is_none_or(|only| only == *backend) && self.gradient.is_none_or(|only| only == *form)
+        });
+        pairs
+    }
 }
 
 /// Runs the trials and prints them.
@@ -67,16 +88,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         arguments.preset
     );
     config.head.mode = arguments.mode.unwrap_or(config.head.mode);
-    config.gradient = arguments.gradient;
     let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
     let target = build_target(&config, &tail, Viewpoints::Sphere)?;
-    let trial = BackendTrial { config, steps: arguments.steps as usize };
+    let pairs = arguments.pairs();
+    ensure!(!pairs.is_empty(), "the fused form needs a CPU backend");
+    let steps = arguments.steps as usize;
     let mut rows: Vec<TrialRow> = Vec::new();
-    for backend in Backend::ALL {
-        if arguments.backend.is_some_and(|only| only != backend) {
-            continue;
-        }
-        let bar = progress::bar(trial.steps as u64, &backend.to_string());
+    for (backend, gradient) in pairs {
+        let trial = BackendTrial { config: FitConfig { gradient, ..config.clone() }, steps };
+        let bar = progress::bar(steps as u64, &format!("{backend}, {gradient}"));
         let others = rows.first().map_or(&[][..], |first| &first.losses);
         let row = trial.run(backend, &*target, others, &|step| bar.set_position(step as u64));
         bar.finish_and_clear();
@@ -90,19 +110,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         out!("{}", serde_json::to_string_pretty(&rows)?);
     } else {
-        print_table(&trial, &rows);
+        print_table(&config, steps, &rows);
     }
     Ok(())
 }
 
-fn print_table(trial: &BackendTrial, rows: &[TrialRow]) {
-    let config = &trial.config;
+fn print_table(config: &FitConfig, steps: usize, rows: &[TrialRow]) {
     out!(
         "{} conditions x {} points, K = {}, {} steps\n",
         config.conditions,
         config.batch_shape().samples(),
         config.head.bins,
-        trial.steps
+        steps
     );
     out!(
         "{:<8} {:<10} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}",

@@ -320,8 +320,8 @@ pub fn long_version() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
     TEXT.get_or_init(|| {
         let features = [
-            ("flex", cfg!(feature = "flex")),
             ("ndarray", cfg!(feature = "ndarray")),
+            ("flex", cfg!(feature = "flex")),
             ("wgpu", cfg!(feature = "wgpu")),
         ];
         let features: Vec<&str> = features.iter().filter(|(_, has)| *has).map(|(name, _)| *name).collect();

@@ -13,9 +13,14 @@ use headtail_model::{
     spline::{self, Topology},
 };
 use headtail_render::random::{Purpose, Stream};
-use headtail_train::{Batch, GradientSource, Loss, Objective, fused::FusedGradient};
+use headtail_train::{Backend, Batch, GradientSource, Loss, Objective, fused::FusedGradient};
 
 const MIN: f64 = 1e-4;
+
+/// The CPU backend of the default build.
+fn host() -> Device {
+    Backend::default().device().expect("it is compiled")
+}
 
 /// One spline in f64, built from logits as documented in `headtail_model::spline`.
 struct Spline {
@@ -193,7 +198,7 @@ fn reference_spline_derivatives_match_finite_differences() {
 
 #[test]
 fn splines_agree_with_the_reference_in_both_directions() {
-    let device = Device::flex();
+    let device = host();
     let mut stream = Stream::new(0, Purpose::Test, 2);
     let (bins, samples) = (32, 200);
     for topology in [Topology::Interval, Topology::Circle] {
@@ -223,7 +228,7 @@ fn splines_agree_with_the_reference_in_both_directions() {
 
 #[test]
 fn heads_agree_with_the_reference() {
-    let device = Device::flex();
+    let device = host();
     let mut stream = Stream::new(0, Purpose::Test, 3);
     for config in configurations() {
         let head = random_head(config, &device);
@@ -246,7 +251,7 @@ fn heads_agree_with_the_reference() {
 /// Derivatives of the mean log-density by every weight, against central differences of the reference.
 #[test]
 fn gradients_agree_with_central_differences() {
-    let device = Device::flex().autodiff();
+    let device = host().autodiff();
     let mut stream = Stream::new(0, Purpose::Test, 4);
     for config in configurations() {
         let config = HeadConfig { hidden: 6, ..config };
@@ -330,7 +335,7 @@ fn loss(kind: Loss, entropic: f64, batch: &Batch, condition: usize, q: &[f64]) -
 /// Derivatives of every loss of a mixture with BRDF sampling by every weight, through the step of training.
 #[test]
 fn gradients_of_mixture_losses_agree_with_central_differences() {
-    let device = Device::flex().autodiff();
+    let device = host().autodiff();
     let mut stream = Stream::new(0, Purpose::Test, 5);
     let (conditions, samples) = (3, 8);
     let mut draw = |count: usize, low: f32, high: f32| -> Vec<f32> {

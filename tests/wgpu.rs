@@ -21,7 +21,7 @@ fn agrees(mode: Mode) -> Result<(), Failed> {
     let mut config = FitConfig { conditions: 8, strata: 4, learning_rate: 1e-3, ..FitConfig::default() };
     config.head.mode = mode;
     let trial = BackendTrial { config, steps: 3 };
-    let host = trial.run(Backend::Flex, &target, &[], &|_| {})?;
+    let host = trial.run(Backend::default(), &target, &[], &|_| {})?;
     let row = trial.run(Backend::Wgpu, &target, &host.losses, &|_| {})?;
     // Sums of some thousand f32 terms; every gradient must agree to 1e-4.
     if row.gradient_error >= 1e-4 || row.largest_loss_difference >= 1e-3 || !row.final_loss.is_finite() {

@@ -31,7 +31,7 @@ def headtail(options):
         target = os.environ.get("CARGO_TARGET_DIR", Path(__file__).resolve().parents[2] / "target")
         program = str(Path(target) / "release" / "headtail")
     command = [
-        program, "backends", "--preset", "paper-ggx", "--mode", options.mode, "--backend", "flex", "--json",
+        program, "backends", "--preset", "paper-ggx", "--mode", options.mode, "--gradient", "fused", "--json",
         "--conditions", str(options.conditions), "--samples", str(options.samples), "--steps", str(options.steps),
     ]
     rows = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)

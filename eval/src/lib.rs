@@ -39,6 +39,8 @@ mod recording;
 mod reference;
 mod runner;
 mod sample_time;
+#[cfg(test)]
+mod sources;
 mod store;
 pub mod summary;
 mod timing_baseline;

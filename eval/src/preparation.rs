@@ -14,7 +14,7 @@ use crate::Result;
 pub struct FilePreparation {
     /// Seconds; times that are not recorded count as 0.
     pub seconds: f64,
-    /// Description, such as "file read; trained before for 1000 steps on flex (3.2 s)".
+    /// Description, such as "file read; trained before for 1000 steps on ndarray (3.2 s)".
     pub text: String,
 }
 

@@ -67,11 +67,12 @@ pub fn verify(
                     found.pictures += 1;
                     let mut change = Change::between(own, &again, &covered(&again.coverage)?);
                     if change.is_of_mean_alone() {
-                        if reference.is_none() {
-                            reference = Some(runner::reference(experiment, &view, options, stop)?);
-                        }
-                        let covered = &reference.as_ref().expect("just set").covered;
-                        change = Change::between(own, &again, covered);
+                        let known = match reference.take() {
+                            Some(known) => known,
+                            None => runner::reference(experiment, &view, options, stop)?,
+                        };
+                        change = Change::between(own, &again, &known.covered);
+                        reference = Some(known);
                     }
                     if !change.is_none() {
                         let ViewKey { scene, map, material } = key;

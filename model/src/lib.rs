@@ -33,3 +33,10 @@ pub use flow::{Flow, FlowConfig, FlowForm};
 pub use head::{EncoderConfig, Head, HeadConfig};
 pub use headtail_render::head::{Condition, Mode};
 pub use weights::NamedTensor;
+
+/// The device of tests.
+#[cfg(test)]
+#[allow(deprecated)] // By burn 0.22, the last version with this backend.
+pub(crate) fn host() -> burn::prelude::Device {
+    burn::prelude::Device::ndarray()
+}

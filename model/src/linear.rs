@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn initial_weights_depend_only_on_the_seed() {
-        let device = Device::flex();
+        let device = crate::host();
         let draw = |seed: u64| read(Initializer::new(seed).linear(3, 5, &device).weight.val());
         assert_eq!(draw(7), draw(7));
         assert_ne!(draw(7), draw(8));
@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn initial_weights_fill_the_range_within_the_bound() {
         let mut weights = Vec::new();
-        export(&[Initializer::new(1).linear(64, 64, &Device::flex())], "l", &mut weights);
+        export(&[Initializer::new(1).linear(64, 64, &crate::host())], "l", &mut weights);
         for weight in &weights {
             let largest = weight.values.iter().fold(0.0_f32, |m, v| m.max(v.abs()));
             assert!(largest <= 0.125 && largest > 0.1, "{}: {largest}", weight.name);
@@ -208,7 +208,7 @@ mod tests {
 
     #[test]
     fn export_transposes_to_rows_of_outputs() {
-        let device = Device::flex();
+        let device = crate::host();
         let linear = from_row_major(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0], &[0.0, 10.0], 3, &device);
         // Row 1 of [out, in] is (4, 5, 6).
         let x = Tensor::<2>::from_data([[1.0, 0.5, 2.0]], &device);
@@ -221,14 +221,14 @@ mod tests {
 
     #[test]
     fn leaky_relu_equals_that_of_the_tensor_library() {
-        let x = Tensor::<2>::from_data([[-3.7, -1e-30, 0.0, 1e-30, 0.3, 1e20, -1e20]], &Device::flex());
+        let x = Tensor::<2>::from_data([[-3.7, -1e-30, 0.0, 1e-30, 0.3, 1e20, -1e20]], &crate::host());
         let expected = burn::tensor::activation::leaky_relu(x.clone(), 0.01);
         assert_eq!(read(leaky_relu(x, 0.01)), read(expected));
     }
 
     #[test]
     fn invalid_weights_are_rejected_by_name() {
-        let device = Device::flex();
+        let device = crate::host();
         let linear = [zeros(2, 1, &device)];
         let good = |name: &str, shape: &[usize], values: &[f32]| NamedTensor {
             name: name.into(),

@@ -13,7 +13,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-use crate::{error::of_render, sampler::rows};
+use crate::{arrays::rows, error::of_render};
 
 /// An environment map.
 #[pyclass(frozen, module = "headtail._native")]

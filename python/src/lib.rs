@@ -3,6 +3,7 @@
 //!
 //! `headtail/_arrays.py` normalises shapes and types to contiguous f32. The crates check values.
 
+mod arrays;
 mod compare;
 mod environment;
 mod error;

@@ -18,11 +18,11 @@ use headtail_render::{
 };
 use numpy::{
     IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2,
-    PyUntypedArrayMethods,
 };
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
+    arrays::rows,
     environment::Environment,
     error::{of_eval, of_render, refused},
 };
@@ -40,14 +40,6 @@ pub struct Sampler {
     pub has_map: bool,
     pub spec: Option<SamplerSpec>,
     pub exported: Option<ExportedSampler>,
-}
-
-/// Returns the rows of `N` numbers of a contiguous array.
-pub fn rows<'a, const N: usize>(array: &'a PyReadonlyArray2<'_, f32>) -> PyResult<&'a [[f32; N]]> {
-    if array.shape()[1] != N {
-        return Err(refused(format!("an array has {} columns; {N} are needed", array.shape()[1])));
-    }
-    Ok(array.as_slice()?.as_chunks().0)
 }
 
 type Rows<'py> = PyReadonlyArray2<'py, f32>;

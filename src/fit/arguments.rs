@@ -139,8 +139,8 @@ const OVER: [(Over, &str, &str); 3] = [
 ];
 
 const BACKENDS: [(Backend, &str, &str); 3] = [
-    (Backend::Flex, "flex", "burn's CPU backend"),
-    (Backend::Ndarray, "ndarray", "The older CPU backend"),
+    (Backend::Ndarray, "ndarray", "CPU"),
+    (Backend::Flex, "flex", "CPU; needs a build with `--features flex`"),
     (Backend::Wgpu, "wgpu", "GPU through Vulkan, Metal or DX12; needs a build with `--features wgpu`"),
 ];
 

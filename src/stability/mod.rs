@@ -49,7 +49,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR")]
     maps: Option<PathBuf>,
     /// Train with this backend of the tensor library.
-    /// One of flex (the default), ndarray and wgpu; gradients are not fused on wgpu.
+    /// One of ndarray (the default), flex and wgpu; gradients are not fused on wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
     /// Print the rows of stability.csv as an array of JSON objects.

@@ -155,33 +155,6 @@ fn continued_lines_are_joined_and_comments_removed() {
     assert_eq!(commands(page), (vec!["x --y".to_owned()], 1));
 }
 
-/// In the table, a file's tests follow its name, all in backticks.
-#[test]
-fn tests_named_in_the_table_exist() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let page = fs::read_to_string(root.join("docs/robustness.md")).unwrap();
-    let (mut file, mut count) = (None, 0);
-    for quoted in page.lines().filter(|line| line.starts_with("| ")).flat_map(|line| line.split('`').skip(1).step_by(2))
-    {
-        let is_name = quoted.contains('_')
-            && quoted.bytes().all(|byte| byte == b'_' || byte.is_ascii_lowercase() || byte.is_ascii_digit());
-        match (&file, quoted.ends_with(".rs")) {
-            (_, true) if quoted.contains('/') => file = Some(root.join(quoted)),
-            (_, true) => file = Some(root.join("tests/command_line").join(quoted)),
-            (Some(file), false) if is_name => {
-                assert!(
-                    fs::read_to_string(file).unwrap().contains(&format!("fn {quoted}(")),
-                    "{}: {quoted}",
-                    file.display()
-                );
-                count += 1;
-            }
-            _ => {}
-        }
-    }
-    assert!(count > 40, "{count} names");
-}
-
 /// Returns the commands in the help, `help` itself excluded, with their descriptions.
 pub(super) fn commands_of_the_help() -> Vec<(String, String)> {
     let help = text(&headtail(folder().path(), "--help").stdout);

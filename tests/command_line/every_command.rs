@@ -96,7 +96,7 @@ fn closed_readers_lose_nothing_and_only_the_same_command_replaces() {
     write_inputs(path);
     let cases = writing();
     let others =
-        ["backends --steps 1 --conditions 4 --samples 16 --backend flex", "info bake/table", "completions bash"];
+        ["backends --steps 1 --conditions 4 --samples 16 --backend ndarray", "info bake/table", "completions bash"];
     let without_reader = |arguments: &str| {
         let output = unread(path, arguments);
         let said = text(&output.stderr);
@@ -299,7 +299,7 @@ fn long_work_is_announced() {
         format!("render {view} --sampler mis --spp 100000 --out a.exr"),
         format!("compare {view} --samplers mis,patches --spp 1,100000 --runs 2 --reference-spp 1 --out c"),
         "stability --out suite".into(),
-        "backends --steps 100000 --backend flex".into(),
+        "backends --steps 100000 --backend ndarray".into(),
         "sweep run space.toml --threads 1".into(),
         "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
         "paper --out paper".into(),

@@ -12,18 +12,18 @@ use crate::{Error, Result, config::name_of};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
-    /// burn's CPU backend.
+    /// The CPU backend of the default build, which burn removes after 0.22.
     #[default]
-    Flex,
-    /// The older CPU backend, which burn removes after 0.22.
     Ndarray,
+    /// burn's newer CPU backend.
+    Flex,
     /// Vulkan, Metal or DX12, through wgpu.
     Wgpu,
 }
 
 impl Backend {
     /// All backends, compiled in or not.
-    pub const ALL: [Self; 3] = [Self::Flex, Self::Ndarray, Self::Wgpu];
+    pub const ALL: [Self; 3] = [Self::Ndarray, Self::Flex, Self::Wgpu];
 
     /// Returns the backend's device, without autodiff.
     ///

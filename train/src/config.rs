@@ -31,7 +31,7 @@ pub struct FitConfig {
     pub points: Points,
     /// Fit the head to the product in X, without a tail: the paper's naive baseline.
     pub naive: bool,
-    /// Where tensors live: `flex`, `ndarray` or `wgpu`.
+    /// Where tensors live: `ndarray`, `flex` or `wgpu`.
     pub backend: Backend,
     /// How gradients are computed: `auto`, `fused` or `in-graph`.
     pub gradient: GradientForm,

@@ -18,7 +18,7 @@ pub enum Error {
     /// The machine has no graphics adapter for the backend wgpu.
     #[error(
         "the backend `wgpu` finds no graphics adapter: install a Vulkan, Metal or DX12 driver (mesa-vulkan-drivers has one in \
-         software), or choose `flex`"
+         software), or choose `ndarray`"
     )]
     NoAdapter,
     /// A field of the training configuration is out of range.

@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn the_native_head_equals_the_trained_one_in_both_directions() {
-        let device = Backend::Flex.device().unwrap();
+        let device = Backend::default().device().unwrap();
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             for config in [

@@ -40,7 +40,7 @@ mod tests {
 
     #[test]
     fn a_batch_without_light_has_no_gradient() {
-        let device = Backend::Flex.device().unwrap().autodiff();
+        let device = Backend::default().device().unwrap().autodiff();
         let head = random_head(HeadConfig::COSINE, &device);
         let shape = BatchShape { conditions: 4, strata: 4, brdf_samples: 9 };
         let mut batch = Batch::draw(&CosineTarget::new(&studio()), shape, 0, Purpose::Test, 0).unwrap();

@@ -87,7 +87,7 @@ mod tests {
     /// Three steps of maximum likelihood, by this optimiser and by burn's.
     #[test]
     fn steps_match_those_of_the_tensor_library() {
-        let device = Backend::Flex.device().unwrap().autodiff();
+        let device = Backend::default().device().unwrap().autodiff();
         let config = FitConfig { steps: 100, warmup: 0.0, clip_norm: 1e9, weight_decay: 0.1, ..FitConfig::default() };
         let mut head = Head::new(HeadConfig::COSINE, 0, &device).unwrap();
         let mut weights = head.flat_weights();

@@ -87,7 +87,7 @@ fn fast_cosine() -> FitConfig {
         over: Over::Tail,
         points: Points::Strata,
         naive: false,
-        backend: Backend::Flex,
+        backend: Backend::default(),
         gradient: GradientForm::Auto,
         seed: 0,
         steps: 1000,
@@ -206,7 +206,7 @@ mod tests {
     /// `w` with `f` = 2 and 1; mixture weight `(c + x + 1) 16 + 17`.
     #[test]
     fn presets_have_the_documented_weight_counts() {
-        let device = Backend::Flex.device().unwrap();
+        let device = Backend::default().device().unwrap();
         let counts = Preset::ALL.map(|preset| Head::new(preset.config().head, 0, &device).unwrap().weight_count());
         assert_eq!(counts, [10_714, 35_970, 10_795, 19_379, 4_523]);
     }

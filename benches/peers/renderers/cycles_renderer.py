@@ -13,7 +13,7 @@ from views import ALBEDO, z_up
 
 
 class Renderer:
-    def __init__(self, picture, guiding=False, portals=False):
+    def __init__(self, picture, guiding=False, portals=False, points="AUTOMATIC"):
         self.version, self.note = bpy.app.version_string, ""
         self.folder = tempfile.TemporaryDirectory()
         self.out = Path(self.folder.name) / "picture.exr"
@@ -24,7 +24,7 @@ class Renderer:
         self.add_camera(picture)
         if portals:
             exec(picture.portals)
-        self.set_options(picture, guiding)
+        self.set_options(picture, guiding, points)
 
     def add_mesh(self, picture):
         mesh = bpy.data.meshes.new("mesh")
@@ -57,7 +57,7 @@ class Renderer:
         self.scene.collection.objects.link(placed)
         self.scene.camera = placed
 
-    def set_options(self, picture, guiding):
+    def set_options(self, picture, guiding, points):
         render, cycles = self.scene.render, self.scene.cycles
         render.engine = "CYCLES"
         render.threads_mode, render.threads = "FIXED", picture.threads
@@ -72,6 +72,12 @@ class Renderer:
         bounces = picture.depth - 1
         cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
         cycles.use_guiding = guiding
+        # Automatic points are blue noise in pictures of a known number of samples.
+        cycles.sampling_pattern = points
+
+    def possible(self, samples):
+        """Any number of samples is possible."""
+        return samples
 
     def render(self, samples, seed):
         """Returns (linear image, seconds, of which preparation seconds)."""

@@ -32,6 +32,10 @@ class Renderer:
             f"--threads={picture.threads}", f"--sampler={sampler}", f"--points={points}", "--force", "--out", str(self.out),
         ]  # fmt: skip
 
+    def possible(self, samples):
+        """Any number of samples is possible."""
+        return samples
+
     def render(self, samples, seed):
         """Returns (linear image, seconds, of which preparation seconds)."""
         report = json.loads(run([*self.command, f"--spp={samples}", f"--seed={seed}"]))

@@ -44,6 +44,10 @@ class Renderer:
         }))  # fmt: skip
         self.cache = cache
 
+    def possible(self, samples):
+        """Any number of samples is possible."""
+        return samples
+
     def render(self, samples, seed):
         """Returns (linear image, seconds, of which preparation seconds)."""
         own = self.picture

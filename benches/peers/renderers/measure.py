@@ -71,16 +71,15 @@ def agree(own, other):
     return bool(abs(relative) <= MEAN_TOLERANCE + 3 * error and blocks <= BLOCK_TOLERANCE)
 
 
-def at_budget(row, preparation=True):
+def at_budget(row):
     """Returns the factor from the variance of a row to that at its budget: variance is inverse to time."""
-    seconds = row["seconds"] if preparation else row["seconds"] - row["preparation"]
-    return seconds / row["budget"]
+    return row["seconds"] / row["budget"]
 
 
-def ratio(baseline, row, preparation=True):
+def ratio(baseline, row):
     """Returns the variance of a baseline over that of a row at equal time, with a 95 % interval from
     resampled blocks."""
-    factor = at_budget(baseline, preparation) / at_budget(row, preparation)
+    factor = at_budget(baseline) / at_budget(row)
     above, below = np.array(baseline["blocks"]["variance"]), np.array(row["blocks"]["variance"])
     drawn = np.random.default_rng(0).integers(0, len(above), (RESAMPLINGS, len(above)))
     ratios = factor * above[drawn].sum(1) / below[drawn].sum(1)

@@ -1,5 +1,6 @@
 """Mitsuba 3: its integrators `direct` and `path`, plain or BSDF-compensated sampling of the map, any kind of points."""
 
+import math
 import time
 
 import mitsuba as mi
@@ -23,14 +24,15 @@ use_fastest_variant()
 
 
 class Renderer:
-    def __init__(self, picture, compensation=False, points="independent"):
-        self.version, self.note = mi.__version__, mi.variant()
+    def __init__(self, picture, compensation=False, points="independent", pairs=1):
+        self.version, self.note, self.points = mi.__version__, mi.variant(), points
         if "llvm" in mi.variant():
             import drjit
 
             drjit.set_thread_count(picture.threads)
         depth = picture.depth + 1
-        integrator = {"type": "direct"} if picture.depth == 1 else {"type": "path", "max_depth": depth}
+        direct = {"type": "direct", "shading_samples": pairs}
+        integrator = direct if picture.depth == 1 else {"type": "path", "max_depth": depth}
         properties = mi.Properties()
         properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": material(picture.alpha)})
         properties["face_normals"] = True
@@ -51,6 +53,11 @@ class Renderer:
             "map": {"type": "envmap", "filename": picture.map, "mis_compensation": compensation},
             "mesh": mesh,
         })  # fmt: skip
+
+    def possible(self, samples):
+        """Returns the largest number of samples up to `samples` that the points have: multijitter rounds up to a grid."""
+        rows = math.isqrt(samples)
+        return samples // rows * rows if self.points == "multijitter" else samples
 
     def render(self, samples, seed):
         """Returns (linear image, seconds, of which preparation seconds)."""

@@ -34,17 +34,22 @@ import measure
 import views
 
 # Module and options of each renderer, and the measured depths.
+COMPENSATED = {"compensation": True, "points": "multijitter"}
 RENDERERS = {
     "Cycles": ("cycles_renderer", {}, (1, 4)),
+    "Cycles, Sobol": ("cycles_renderer", {"points": "TABULATED_SOBOL"}, (1, 4)),
     "Cycles, portals": ("cycles_renderer", {"portals": True}, (1, 4)),
     "Cycles, path guiding": ("cycles_renderer", {"guiding": True}, (4,)),
     "LuxCore": ("luxcore_renderer", {}, (1, 4)),
     "LuxCore, visibility cache": ("luxcore_renderer", {"cache": True}, (1, 4)),
     "Mitsuba": ("mitsuba_renderer", {}, (1, 4)),
-    "Mitsuba, MIS compensation": ("mitsuba_renderer", {"compensation": True}, (1, 4)),
-    "Mitsuba, MIS compensation, multijitter": ("mitsuba_renderer", {"compensation": True, "points": "multijitter"}, (1, 4)),
+    "Mitsuba, multijitter": ("mitsuba_renderer", {"points": "multijitter"}, (1, 4)),
+    "Mitsuba, compensation": ("mitsuba_renderer", {"compensation": True}, (1, 4)),
+    "Mitsuba, compensation, multijitter": ("mitsuba_renderer", COMPENSATED, (1, 4)),
+    "Mitsuba, compensation, multijitter, 3 pairs": ("mitsuba_renderer", {**COMPENSATED, "pairs": 3}, (1,)),
     "headtail mis2": ("headtail_renderer", {"sampler": "mis2"}, (1, 4)),
-    "headtail patches": ("headtail_renderer", {"sampler": "patches"}, (1, 4)),
+    "headtail mis2-comp": ("headtail_renderer", {"sampler": "mis2-comp"}, (1, 4)),
+    "headtail split:3:mis2-comp": ("headtail_renderer", {"sampler": "split:3:mis2-comp"}, (1,)),
     "headtail patches+vis": ("headtail_renderer", {"sampler": "patches+vis"}, (1, 4)),
     "headtail auto": ("headtail_renderer", {"sampler": "auto"}, (1, 4)),
 }
@@ -218,7 +223,7 @@ def work(task):
     rows, samples = [], 1
     renderer.render(1, 0)
     for budget in task["budgets"]:
-        samples = measure.samples_for(renderer, budget, samples, print)
+        samples = renderer.possible(measure.samples_for(renderer, budget, samples, print))
         runs = [renderer.render(samples, 100 + seed) for seed in range(task["common"]["runs"])]
         rows.append({
             **task["common"],
@@ -273,11 +278,8 @@ def compared(row, baseline):
         )
         return own
     ratio, low, high = measure.ratio(baseline, row)
-    without = measure.ratio(baseline, row, preparation=False)[0]
     per_sample = baseline["variance"] * baseline["samples"] / (row["variance"] * row["samples"])
-    return own | {
-        "ratio": ratio, "ratio_low": low, "ratio_high": high, "ratio_per_sample": per_sample, "without_preparation": without,
-    }  # fmt: skip
+    return own | {"ratio": ratio, "ratio_low": low, "ratio_high": high, "ratio_per_sample": per_sample}
 
 
 def combined(rounds):
@@ -289,13 +291,12 @@ def combined(rounds):
     without_ratio = [one for one in rounds if "ratio" not in one]
     if without_ratio:
         return without_ratio[0]
-    for name in ("ratio", "ratio_per_sample", "without_preparation"):
+    for name in ("ratio", "ratio_per_sample"):
         own[name] = float(np.exp(np.mean(np.log([one[name] for one in rounds]))))
     if len(rounds) > 1:
         own["ratio_low"], own["ratio_high"] = (pick(one["ratio"] for one in rounds) for pick in (min, max))
     low, high = own["ratio_low"], own["ratio_high"]
     return own | {
-        "ratio_without_preparation": digits(own.pop("without_preparation")),
         "ratio_at_equal_time": "1" if low == high == 1 else f"{digits(own['ratio'])} [{digits(low)}, {digits(high)}]",
         "ratio_at_equal_samples": digits(own["ratio_per_sample"]),
     }  # fmt: skip

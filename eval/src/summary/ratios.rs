@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use headtail_render::random::Stream;
 
 use super::{
-    Curve,
     bootstrap::{Interval, bootstrap, index},
+    curve::{Curve, Point},
 };
 use crate::{ViewKey, store::Record};
 
@@ -57,10 +57,12 @@ impl ViewRuns {
             Comparison::Samples(budget) => budgets.get(budget).map(|runs| mean(runs, |run| run.mse)),
             Comparison::Time { seconds, counts_preparation } => {
                 let timed = budgets.iter().filter(|(name, _)| name.ends_with('s'));
-                let points =
-                    timed.map(|(_, runs)| (mean(runs, |run| run.seconds), mean(runs, |run| run.mse))).collect();
-                let preparation = budgets.values().flatten().map(|run| run.preparation).fold(f64::INFINITY, f64::min);
-                Curve::new(points, preparation)?.error_at(*seconds, *counts_preparation)
+                let points = timed.map(|(_, runs)| Point {
+                    seconds: mean(runs, |run| run.seconds),
+                    error: mean(runs, |run| run.mse),
+                    preparation: runs.iter().map(|run| run.preparation).fold(f64::INFINITY, f64::min),
+                });
+                Curve::new(points.collect())?.error_at(*seconds, *counts_preparation)
             }
         }
     }

@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_new_flow_is_the_identity() {
-        let device = Device::flex();
+        let device = crate::host();
         let flow = Flow::new(FlowConfig { couplings: 3, ..FlowConfig::SMALL }, 1, &device).unwrap();
         let x = points(50, &device);
         let (y, log) = flow.inverse(&x);
@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn flat_weights_round_trip() {
-        let device = Device::flex();
+        let device = crate::host();
         let flow = Flow::new(FlowConfig { couplings: 2, hidden: 8, ..FlowConfig::SMALL }, 1, &device).unwrap();
         let weights: Vec<f32> = (0..flow.weight_count()).map(|k| (k % 17) as f32 / 17.0 - 0.5).collect();
         assert_eq!(flow.with_flat_weights(&weights, &device).flat_weights(), weights);
@@ -157,14 +157,14 @@ mod tests {
     fn the_papers_flow_has_the_documented_weight_count() {
         // 16 networks: first layer 3 x 256 or 2 x 256, four of 257 x 256, last 257 x 385.
         let expected = 8 * (3 + 2) * 256 + 16 * (4 * 257 * 256 + 257 * 385);
-        let flow = Flow::new(FlowConfig::PAPER, 0, &Device::flex()).unwrap();
+        let flow = Flow::new(FlowConfig::PAPER, 0, &crate::host()).unwrap();
         assert_eq!(flow.weight_count(), expected);
         assert_eq!(expected, 5_804_048);
     }
 
     #[test]
     fn sizes_out_of_range_are_rejected_by_name() {
-        let device = Device::flex();
+        let device = crate::host();
         for (config, field) in [
             (FlowConfig { bins: 1, ..FlowConfig::SMALL }, "flow.shape.bins"),
             (FlowConfig { octaves: 0, ..FlowConfig::SMALL }, "flow.shape.octaves"),

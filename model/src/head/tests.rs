@@ -53,7 +53,7 @@ fn configurations() -> Vec<HeadConfig> {
 
 #[test]
 fn parameter_counts_match_the_documentation() {
-    let device = Device::flex();
+    let device = crate::host();
     let count = |config| Head::new(config, 0, &device).unwrap().num_params();
     // Elevation depends on c alone: (3 + 1) 64 + (64 + 1) 64 + (64 + 1) 13; azimuth also on v: (3 + 1 + 1) 64
     // + ...
@@ -70,7 +70,7 @@ fn parameter_counts_match_the_documentation() {
 
 #[test]
 fn a_new_head_is_the_identity() {
-    let device = Device::flex();
+    let device = crate::host();
     for config in configurations() {
         let head = Head::new(config, 3, &device).unwrap();
         let (y, c) = (points(10, 20, 1, &device), conditions(10, 3, 2, &device));
@@ -83,7 +83,7 @@ fn a_new_head_is_the_identity() {
 
 #[test]
 fn inverse_undoes_sample_and_agrees_on_the_density() {
-    let device = Device::flex();
+    let device = crate::host();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, seed as u64, &device);
         let (z, c) = (points(100, 100, 3, &device), conditions(100, 3, 4, &device));
@@ -101,7 +101,7 @@ fn inverse_undoes_sample_and_agrees_on_the_density() {
 
 #[test]
 fn density_integrates_to_one_under_every_condition() {
-    let device = Device::flex();
+    let device = crate::host();
     let side = 512;
     let mut grid = Vec::with_capacity(side * side * 2);
     for row in 0..side {
@@ -121,7 +121,7 @@ fn density_integrates_to_one_under_every_condition() {
 
 #[test]
 fn density_is_the_same_on_both_sides_of_the_seam() {
-    let device = Device::flex();
+    let device = crate::host();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 20 + seed as u64, &device);
         let c = conditions(1, 3, 5, &device);
@@ -136,7 +136,7 @@ fn density_is_the_same_on_both_sides_of_the_seam() {
 
 #[test]
 fn batched_equals_looped() {
-    let device = Device::flex();
+    let device = crate::host();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 30 + seed as u64, &device);
         let (y, c) = (points(6, 5, 6, &device), conditions(6, 3, 7, &device));
@@ -156,7 +156,7 @@ fn batched_equals_looped() {
 
 #[test]
 fn output_depends_on_condition_and_seed() {
-    let device = Device::flex();
+    let device = crate::host();
     for config in configurations() {
         let y = points(2, 1, 8, &device).narrow(0, 0, 1).repeat_dim(0, 2);
         let c = conditions(2, 3, 9, &device);
@@ -169,7 +169,7 @@ fn output_depends_on_condition_and_seed() {
 
 #[test]
 fn weights_restore_the_head_in_any_order() {
-    let device = Device::flex();
+    let device = crate::host();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 40 + seed as u64, &device);
         let mut weights = head.weights();
@@ -184,7 +184,7 @@ fn weights_restore_the_head_in_any_order() {
 #[test]
 fn weights_are_named_and_shaped_as_documented() {
     let config = HeadConfig { share: true, ..MICROFACET };
-    let head = Head::new(config, 0, &Device::flex()).unwrap();
+    let head = Head::new(config, 0, &crate::host()).unwrap();
     let list: Vec<(String, Vec<usize>)> = head.weights().into_iter().map(|w| (w.name, w.shape)).collect();
     let expected: [(&str, &[usize]); 20] = [
         ("encoder.linear0.weight", &[64, 12]),
@@ -213,7 +213,7 @@ fn weights_are_named_and_shaped_as_documented() {
 
 #[test]
 fn weights_of_another_architecture_are_rejected() {
-    let device = Device::flex();
+    let device = crate::host();
     let mut weights = Head::new(HeadConfig::COSINE, 0, &device).unwrap().weights();
     weights.push(NamedTensor { name: "layer2.linear0.bias".into(), shape: vec![1], values: vec![0.0] });
     let error = Head::from_weights(HeadConfig::COSINE, weights, &device).unwrap_err();
@@ -222,7 +222,7 @@ fn weights_of_another_architecture_are_rejected() {
 
 #[test]
 fn configurations_out_of_range_are_rejected() {
-    let device = Device::flex();
+    let device = crate::host();
     for config in [
         HeadConfig { bins: 1, ..HeadConfig::COSINE },
         HeadConfig { bins: 513, ..HeadConfig::COSINE },
@@ -237,7 +237,7 @@ fn configurations_out_of_range_are_rejected() {
 
 #[test]
 fn a_new_head_and_brdf_sampling_are_equally_likely() {
-    let device = Device::flex();
+    let device = crate::host();
     let config = HeadConfig { share: true, ..MICROFACET };
     let head = Head::new(config, 4, &device).unwrap();
     let logits = head.mixture_weight_logits(conditions(5, 12, 1, &device)).unwrap();
@@ -249,7 +249,7 @@ fn a_new_head_and_brdf_sampling_are_equally_likely() {
 #[test]
 fn both_strategies_keep_a_minimum_probability() {
     let logits = [-1e30_f32, -30.0, -1.0, 0.0, 2.0, 30.0, 1e30];
-    let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &Device::flex());
+    let in_graph = Tensor::<2>::from_data(TensorData::new(logits.to_vec(), [7, 1]), &crate::host());
     for (logit, p) in logits.into_iter().zip(read(mixture_weight_of_logits(in_graph))) {
         assert!((0.02..=0.98).contains(&mixture_weight_of_logit(logit)), "{logit}");
         assert!((p - mixture_weight_of_logit(logit)).abs() < 1e-6, "{logit}: {p}");
@@ -258,7 +258,7 @@ fn both_strategies_keep_a_minimum_probability() {
 
 #[test]
 fn the_mixture_weight_depends_on_the_condition() {
-    let device = Device::flex();
+    let device = crate::host();
     let config = HeadConfig { share: true, ..HeadConfig::COSINE };
     let logits = read(random_head(config, 60, &device).mixture_weight_logits(conditions(2, 3, 9, &device)).unwrap());
     assert_ne!(logits[0], logits[1]);
@@ -276,7 +276,7 @@ fn configurations_round_trip_with_and_without_encoder() {
 
 #[test]
 fn flat_weights_follow_the_named_order_and_restore_the_head() {
-    let device = Device::flex();
+    let device = crate::host();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 70 + seed as u64, &device);
         let flat = head.flat_weights();
@@ -290,7 +290,7 @@ fn flat_weights_follow_the_named_order_and_restore_the_head() {
 /// A gradient descent step of rate 1 changes each weight by its gradient.
 #[test]
 fn flat_gradients_have_the_order_of_flat_weights() {
-    let device = Device::flex().autodiff();
+    let device = crate::host().autodiff();
     for (seed, config) in configurations().into_iter().enumerate() {
         let head = random_head(config, 80 + seed as u64, &device);
         let (y, c) = (points(4, 4, 10, &device), conditions(4, 3, 11, &device));

@@ -48,7 +48,7 @@ type Direction = fn(Topology, Tensor<2>, &Tensor<3>) -> (Tensor<2>, Tensor<2>);
 
 /// Evaluates one spline at many points.
 fn apply(direction: Direction, topology: Topology, points: &[f32], logits: &[f32]) -> (Vec<f32>, Vec<f32>) {
-    let device = Device::flex();
+    let device = crate::host();
     let bins = super::bin_count(logits.len());
     let (values, logs) = direction(topology, matrix(points, points.len(), &device), &shared(logits, bins, &device));
     (read(values), read(logs))
@@ -111,7 +111,7 @@ fn is_monotone_on_neighbouring_floats() {
 /// density.
 #[test]
 fn inverse_undoes_forward() {
-    let device = Device::flex();
+    let device = crate::host();
     let (conditions, samples, bins) = (64, 256, 32);
     let mut random = Random::new(3);
     for topology in TOPOLOGIES {
@@ -224,7 +224,7 @@ fn points_outside_the_interval_are_clamped() {
 
 #[test]
 fn batched_equals_looped() {
-    let device = Device::flex();
+    let device = crate::host();
     let (conditions, samples, bins) = (5, 7, 4);
     let mut random = Random::new(11);
     for topology in TOPOLOGIES {
@@ -256,7 +256,7 @@ fn batched_equals_looped() {
 /// Returns the gradients of value and log-slope with respect to the logits by burn's autodiff, each
 /// `[points, 3K + 1]`.
 fn autodiff_gradients(topology: Topology, points: &[f32], logits: &[f32]) -> [Vec<f32>; 2] {
-    let device = Device::flex().autodiff();
+    let device = crate::host().autodiff();
     let width = logits.len() / points.len();
     let gradient = |output: fn((Tensor<2>, Tensor<2>)) -> Tensor<2>| {
         let logits = matrix(logits, width, &device).require_grad();
@@ -326,7 +326,7 @@ fn values_and_gradients_match_the_native_spline() {
 
 #[test]
 fn an_empty_batch_gives_an_empty_batch() {
-    let device = Device::flex();
+    let device = crate::host();
     let logits = Tensor::<3>::zeros([3, 1, logit_count(4)], &device);
     let (values, logs) = inverse(Topology::Circle, Tensor::zeros([3, 0], &device), &logits);
     assert_eq!((values.dims(), logs.dims()), ([3, 0], [3, 0]));

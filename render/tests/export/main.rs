@@ -59,7 +59,7 @@ fn training() -> TrainingSummary {
         steps: 1000,
         seed: 7,
         loss: "log-chi-square".into(),
-        backend: "flex".into(),
+        backend: "ndarray".into(),
         final_kl: 0.012_345_678_901_234_5,
         relative_variance: 0.1,
         seconds: None,

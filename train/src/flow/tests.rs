@@ -37,7 +37,7 @@ fn quiet(
 #[test]
 fn the_fused_gradient_matches_the_graph() {
     let exact = exact("window");
-    let device = Backend::Flex.device().unwrap();
+    let device = Backend::default().device().unwrap();
     for shape in [
         SHAPE,
         FlowConfig { couplings: 2, residual_blocks: 0, octaves: 1, ..SHAPE },
@@ -70,7 +70,7 @@ fn a_flow_approximates_the_light_and_its_table_the_flow() {
 /// A tabulated flow equals the flow at the nodes, in both directions.
 #[test]
 fn the_table_inverts_the_density_direction() {
-    let device = Backend::Flex.device().unwrap();
+    let device = Backend::default().device().unwrap();
     let flow = Flow::new(SHAPE, 2, &device).unwrap();
     let mut stream = Stream::new(5, Purpose::Test, 0);
     let weights: Vec<f32> = flow.flat_weights().iter().map(|w| w + 0.1 * (stream.uniform() - 0.5)).collect();
@@ -99,7 +99,7 @@ fn the_table_inverts_the_density_direction() {
 /// Holds for arbitrary weights.
 #[test]
 fn tables_of_triangular_flows_need_no_repair() {
-    let device = Backend::Flex.device().unwrap();
+    let device = Backend::default().device().unwrap();
     let shape = FlowConfig { form: FlowForm::Triangular, couplings: 4, ..SHAPE };
     let flow = Flow::new(shape, 2, &device).unwrap();
     let mut stream = Stream::new(6, Purpose::Test, 0);
@@ -127,8 +127,8 @@ fn backends_agree_to_rounding() {
         let flow = FlowSettings { steps: 15, ..small().flow };
         quiet(&FitConfig { flow, backend, gradient, ..small() }, &exact, None, 0).map(|fitted| fitted.summary.kl)
     };
-    let reference = train(Backend::Flex, GradientForm::Fused).unwrap();
-    for backend in [Backend::Flex, Backend::Ndarray] {
+    let reference = train(Backend::default(), GradientForm::Fused).unwrap();
+    for backend in [Backend::Ndarray, Backend::Flex] {
         let other = match train(backend, GradientForm::InGraph) {
             Err(Error::BackendNotCompiled { .. }) => continue,
             other => other.unwrap(),

@@ -190,7 +190,7 @@ mod tests {
 
     #[test]
     fn the_fused_gradient_matches_the_graph() {
-        let device = Backend::Flex.device().unwrap().autodiff();
+        let device = Backend::default().device().unwrap().autodiff();
         let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
         for mode in [Mode::Coupled, Mode::Autoregressive] {
             for (loss, config) in [
@@ -220,7 +220,7 @@ mod tests {
 
     #[test]
     fn results_are_bit_identical_for_any_number_of_threads() {
-        let head = random_head(HeadConfig::COSINE, &Backend::Flex.device().unwrap());
+        let head = random_head(HeadConfig::COSINE, &Backend::default().device().unwrap());
         let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };
         let gradient = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -232,7 +232,7 @@ mod tests {
 
     #[test]
     fn a_batch_without_light_has_no_gradient() {
-        let head = random_head(HeadConfig::COSINE, &Backend::Flex.device().unwrap());
+        let head = random_head(HeadConfig::COSINE, &Backend::default().device().unwrap());
         let mut batch = batch(Condition::Normal);
         batch.densities.fill(0.0);
         let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };

@@ -42,7 +42,7 @@ fn the_renderer_matches_the_tensor_library() {
         let weights: Vec<f32> = initial.iter().map(|w| 2.0 * w + 0.1 * (random.uniform() - 0.5)).collect();
         let material = layout.material(&weights, Description::new("test", LEAKY_SLOPE)).unwrap();
         let samples = Samples::questions(16, 600, &mut random);
-        let device = Backend::Flex.device().unwrap();
+        let device = Backend::default().device().unwrap();
         let expected = predict(16, &weights, &samples, &device);
         let found = answers(&material, &samples.queries);
         for ((query, found), expected) in samples.queries.iter().zip(found).zip(expected) {
@@ -62,7 +62,7 @@ fn the_fused_gradient_matches_the_graph() {
         // More than one group, and not a whole number of groups.
         let mut samples = Samples::questions(16, 1500, &mut random);
         samples.values = Layered::lacquer().reflect(&samples.queries, 1, seed);
-        let device = Backend::Flex.device().unwrap().autodiff();
+        let device = Backend::default().device().unwrap().autodiff();
         let (expected_error, expected) = layout.gradient(&weights, &samples, &device);
         let mut fused = FusedGradient::new(layout);
         // Twice, because buffers are reused.

@@ -95,7 +95,7 @@ pub fn fit_rival(settings: &RivalSettings, material: &RivalMaterial, run: Run<'_
     let config = settings.optimizer();
     let state = TrainingState::new(&config, model::initial_weights(settings.kind, settings.seed));
     let trainer = Trainer::new(&config, settings, state, settings.views * settings.directions, run)?;
-    let device = Backend::Flex.device()?.autodiff();
+    let device = Backend::default().device()?.autodiff();
     let state = trainer
         .run(&mut |weights: &[f32], step: usize| gradient(settings, material, &device, weights, step).map(Some))?;
     Ok((model::native(settings.kind, &state.parameters.weights)?, state))

@@ -37,7 +37,7 @@ fn some_weights(kind: RivalKind, size: f32) -> Vec<f32> {
 fn renderer_densities_match_the_tensor_library() {
     let material = material(1.5);
     let points = Points::draw(&material, 24, 16, 2, 0);
-    let device = Backend::Flex.device().unwrap();
+    let device = Backend::default().device().unwrap();
     for kind in [RivalKind::Lobes, RivalKind::Flow] {
         let weights = some_weights(kind, 0.3);
         let logs = model::log_densities(kind, &weights, &points, &device.clone().autodiff());
@@ -64,7 +64,7 @@ fn entropy(kind: RivalKind, weights: &[f32], material: &RivalMaterial, points: &
 fn gradients_match_finite_differences_of_renderer_densities() {
     let material = material(1.5);
     let points = Points::draw(&material, 16, 16, 4, 0);
-    let device = Backend::Flex.device().unwrap().autodiff();
+    let device = Backend::default().device().unwrap().autodiff();
     for kind in RivalKind::ALL {
         let weights = some_weights(kind, 0.2);
         let rival = model::native(kind, &weights).unwrap();

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 
-use crate::tables::table;
+use crate::markdown::table;
 
 /// Returns a table of the benchmarks that divan printed.
 ///

@@ -8,7 +8,8 @@ use serde_json::Value;
 
 use crate::{
     block::Block,
-    tables::{CHART, Filled, Shown, digits},
+    markdown::{CHART, Filled, digits},
+    shown::Shown,
 };
 
 const ROW: f64 = 17.0;
@@ -16,6 +17,7 @@ const LEFT: f64 = 250.0;
 const WIDTH: f64 = 760.0;
 const RIGHT: f64 = 130.0;
 const TOP: f64 = 46.0;
+const MARGIN: f64 = 8.0;
 /// Colours that are distinct under colour-vision deficiency (Okabe and Ito 2008).
 const COLOURS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
 
@@ -73,15 +75,19 @@ pub fn of_experiment(shown: &Shown<'_>, block: &Block) -> Result<Filled> {
             }
         }
     }
+    let label: Vec<&str> = sets.iter().map(|set| set.label.trim_matches('`')).collect();
     let chart = Forest {
-        title: format!("MSE of the best of {} over ours; bars: 95 % intervals", baselines.join(", ")),
+        title: format!(
+            "MSE of the best of {} baselines over that of {}; bars: 95 % intervals; hollow: an untuned map or scene",
+            baselines.len(),
+            label.join(", ")
+        ),
         mean: "geometric mean",
         rows,
         legend: scenes,
-        ticks: &[0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0],
+        ticks: &[0.125, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0],
         limits: (0.1, 100.0),
     };
-    let label: Vec<&str> = sets.iter().map(|set| set.label.trim_matches('`')).collect();
     let alt = format!(
         "MSE of the best of {} over that of {}, by material and map; one dot for each scene",
         baselines.join(", "),
@@ -132,7 +138,7 @@ pub fn of_list(list: &[Value], block: &Block) -> Result<Filled> {
         mean: "geometric mean (dots)",
         rows,
         legend: series,
-        ticks: &[0.01, 0.1, 1.0, 10.0, 100.0],
+        ticks: &[0.01, 0.1, 1.0, 10.0, 100.0, 1000.0],
         limits: (0.01, 1000.0),
     };
     filled(&chart, &alt, block)
@@ -153,8 +159,8 @@ impl Forest {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {height}\" font-family=\"sans-serif\" font-size=\"11\">\n\
              <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"white\"/>\n"
         );
-        text(&mut svg, (LEFT, 16.0), "start", &self.title);
-        text(&mut svg, (WIDTH - RIGHT + 8.0, 16.0), "start", self.mean);
+        text(&mut svg, (MARGIN, 16.0), "start", &self.title);
+        text(&mut svg, (WIDTH - MARGIN, TOP - 10.0), "end", self.mean);
         let axis = self.axis();
         self.draw_axis(&mut svg, axis, bottom);
         for (index, row) in self.rows.iter().enumerate() {
@@ -207,7 +213,7 @@ impl Axis {
 impl Row {
     fn draw(&self, svg: &mut String, axis: Axis, middle: f64) {
         text(svg, (LEFT - 12.0, middle + 4.0), "end", &self.label);
-        text(svg, (WIDTH - RIGHT + 8.0, middle + 4.0), "start", &self.mean);
+        text(svg, (WIDTH - MARGIN, middle + 4.0), "end", &self.mean);
         let count = self.dots.len() as f64;
         for (number, (interval, mark)) in self.dots.iter().enumerate() {
             let y = middle + (number as f64 - 0.5 * (count - 1.0)) * (ROW - 5.0) / count.max(4.0);

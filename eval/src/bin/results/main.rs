@@ -5,15 +5,20 @@
 //! | `main.rs` | the command line |
 //! | `pages.rs` | pages and their generated blocks |
 //! | `block.rs` | the heads of blocks |
-//! | `tables.rs`, `forest.rs`, `recorded.rs` | the contents of blocks |
+//! | `data.rs`, `shown.rs` | the data that blocks show, and their age |
+//! | `tables.rs`, `forest.rs`, `recorded.rs`, `bench.rs` | the contents of blocks |
+//! | `markdown.rs` | tables and numbers as text |
 //! | `prose.rs` | measured numbers outside generated blocks |
 
 mod bench;
 mod block;
+mod data;
 mod forest;
+mod markdown;
 mod pages;
 mod prose;
 mod recorded;
+mod shown;
 mod tables;
 
 use std::{

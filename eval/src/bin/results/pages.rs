@@ -9,12 +9,7 @@ use anyhow::{Context, Result, bail};
 use headtail_eval::Store;
 use headtail_render::file;
 
-use crate::{
-    Plans,
-    block::Block,
-    prose,
-    tables::{CHART, Data},
-};
+use crate::{Plans, block::Block, data::Data, markdown::CHART, prose};
 
 const BEGIN: &str = "<!-- results: ";
 const END: &str = "<!-- end of results -->";

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use crate::{
     block::Block,
     forest,
-    tables::{Filled, digits, table},
+    markdown::{Filled, digits, table},
 };
 
 /// Returns what a block shows of an output: the text, a table of benchmarks, a table by name (`table=`), or a
