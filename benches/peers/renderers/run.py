@@ -178,10 +178,11 @@ def measure_view(view, options, available, rows, folder):
                 budgets = [budget for budget in sorted(options.budgets) if key({**common, "budget": budget}) not in known]
                 if material not in options.materials or depth not in depths or not budgets:
                     continue
-                has_portals = frame["portals"] or "portals" not in settings
+                # Portals, and a cache of where light is visible, are for rooms.
+                fits_scene = frame["portals"] or not {"portals", "cache"} & settings.keys()
                 # LuxCore's metal is a different surface.
                 has_material = module != "luxcore_renderer" or material == "diffuse"
-                if not (has_portals and has_material):
+                if not (fits_scene and has_material):
                     continue
                 log(f"{view.name}, {material}, depth {depth}: {name}")
                 picture = dict(alpha=views.MATERIALS[material], depth=depth, **frame)

@@ -108,7 +108,7 @@ impl Data {
     fn provenance(&self, output: &Output) -> String {
         let found = self.environments.iter().find(|(id, _)| *id == output.environment);
         let machine = found.map_or("an unknown machine".to_owned(), |(_, own)| {
-            format!("{} ({}), {} threads", own.machine, own.instruction_set, own.threads)
+            format!("{} ({}), {} threads, version {}", own.machine, own.instruction_set, own.threads, own.version)
         });
         let state = found.map_or(State::Stale, |(_, own)| self.state(&own.sources));
         let state = match state {

@@ -16,7 +16,7 @@ const ROW: f64 = 17.0;
 const LEFT: f64 = 250.0;
 const WIDTH: f64 = 760.0;
 const RIGHT: f64 = 130.0;
-const TOP: f64 = 46.0;
+const TOP: f64 = 60.0;
 const MARGIN: f64 = 8.0;
 /// Colours that are distinct under colour-vision deficiency (Okabe and Ito 2008).
 const COLOURS: [&str; 6] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"];
@@ -89,8 +89,8 @@ pub fn of_experiment(shown: &Shown<'_>, block: &Block) -> Result<Filled> {
         limits: (0.1, 100.0),
     };
     let alt = format!(
-        "MSE of the best of {} over that of {}, by material and map; one dot for each scene",
-        baselines.join(", "),
+        "MSE of the best of {} baselines over that of {}, by material and map; one dot for each scene",
+        baselines.len(),
         label.join(", ")
     );
     filled(&chart, &alt, block)
@@ -160,7 +160,7 @@ impl Forest {
              <rect width=\"{WIDTH}\" height=\"{height}\" fill=\"white\"/>\n"
         );
         text(&mut svg, (MARGIN, 16.0), "start", &self.title);
-        text(&mut svg, (WIDTH - MARGIN, TOP - 10.0), "end", self.mean);
+        text(&mut svg, (WIDTH - MARGIN, 34.0), "end", self.mean);
         let axis = self.axis();
         self.draw_axis(&mut svg, axis, bottom);
         for (index, row) in self.rows.iter().enumerate() {

@@ -12,6 +12,9 @@ use crate::{
     shown::Shown,
 };
 
+/// Largest number of baselines that a table's title names; the text around it has the others.
+const MOST_NAMED: usize = 4;
+
 /// Table of error ratios: a row per sampler, a column per group of views.
 pub fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
     let (at, baselines) = (block.comparison()?, block.names("baselines"));
@@ -33,7 +36,11 @@ pub fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
         }
     };
     let named: Vec<String> = baselines.iter().map(|name| format!("`{name}`")).collect();
-    let baseline = if named.len() == 1 { named[0].clone() } else { format!("the best of {}", named.join(", ")) };
+    let baseline = match &named[..] {
+        [one] => one.clone(),
+        few if few.len() <= MOST_NAMED => format!("the best of {}", few.join(", ")),
+        many => format!("the best of {} baselines", many.len()),
+    };
     let title = format!("MSE of {baseline} over MSE {what}");
     Ok(table(&std::iter::once(title).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
