@@ -16,9 +16,7 @@ use headtail_render::{
     spec::{Companion, SamplerSpec, Source, Visibility},
     tail::{Tail, TailKind},
 };
-use numpy::{
-    IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2,
-};
+use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::{
