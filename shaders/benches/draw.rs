@@ -1,4 +1,4 @@
-//! Directions in shaders: `cargo bench -p headtail-shaders --features device --bench draw`.
+//! Directions in shaders: `cargo bench -p headtail-shaders --features gpu --bench draw`.
 //!
 //! An item is one call each of `headtail_sample`, `headtail_pdf` and `headtail_share`, with its query read
 //! from and its answer written to device memory. Points are random, without coherence between neighbours:
@@ -19,7 +19,7 @@ use headtail_sampling::{
     sampler::EnvironmentLight,
     tail::TailKind,
 };
-use headtail_shaders::Shader;
+use headtail_shaders::{Shader, gpu::Gpu};
 
 use draw::{Program, queries};
 
@@ -27,7 +27,7 @@ use draw::{Program, queries};
 const QUERIES: usize = 1 << 21;
 
 fn main() {
-    println!("adapter: {}", draw::adapter().expect("an adapter").get_info().name);
+    println!("adapter: {}", Gpu::open().expect("an adapter"));
     divan::main();
 }
 

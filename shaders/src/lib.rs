@@ -9,9 +9,14 @@
 //! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
 //! | `cells.wgsl` | the cells of a map |
 //! | `patches.wgsl`, `table.wgsl` | patches; tables |
-//! | `network.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
+//! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
 //! | `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
 //! | `example.wgsl` | a compute shader as an example |
+//! | `train/` | gradients of heads, see [`training`] |
+
+#[cfg(feature = "gpu")]
+pub mod gpu;
+pub mod training;
 
 use std::fmt::Write;
 
@@ -78,6 +83,7 @@ const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const PATCHES_ALONE: &str = include_str!("../wgsl/patches_alone.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
 const NETWORK: &str = include_str!("../wgsl/network.wgsl");
+const RATIONAL_QUADRATIC: &str = include_str!("../wgsl/rational_quadratic.wgsl");
 const SPLINE: &str = include_str!("../wgsl/spline.wgsl");
 const HEAD: &str = include_str!("../wgsl/head.wgsl");
 const HEAD_OVER_TAIL: &str = include_str!("../wgsl/head_over_tail.wgsl");
@@ -214,8 +220,8 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
         constant(name, value);
     }
     Ok(match patches {
-        Ok(_) => vec![NETWORK, SPLINE, HEAD, PATCHES, HEAD_OVER_PATCHES],
-        Err(_) => vec![NETWORK, SPLINE, HEAD, HEAD_OVER_TAIL],
+        Ok(_) => vec![NETWORK, RATIONAL_QUADRATIC, SPLINE, HEAD, PATCHES, HEAD_OVER_PATCHES],
+        Err(_) => vec![NETWORK, RATIONAL_QUADRATIC, SPLINE, HEAD, HEAD_OVER_TAIL],
     })
 }
 

@@ -24,7 +24,7 @@ use headtail_sampling::{
     tail::{Tail, TailKind, WarpMap},
     tile::{ShadingPoint, Tile},
 };
-use headtail_shaders::Shader;
+use headtail_shaders::{Shader, gpu::Gpu};
 
 use draw::{Answer, Program, Query, queries};
 
@@ -158,7 +158,7 @@ impl Spread {
 
 #[test]
 fn shaders_match_the_native_samplers() {
-    println!("adapter: {}", draw::adapter().expect("a device: install mesa-vulkan-drivers").get_info().name);
+    println!("adapter: {}", Gpu::open().expect("a device: install mesa-vulkan-drivers"));
     let map = Arc::new(Environment::open("studio").unwrap());
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
     let shader = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();

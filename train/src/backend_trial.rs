@@ -70,14 +70,14 @@ impl BackendTrial {
         let device = backend.device()?;
         peak_memory::reset();
         let head = Head::new(config.head, config.seed, &device)?;
-        let mut source = config.gradient.source(&head, backend, &device);
+        let mut source = config.gradient.source(&head, backend, &device)?;
         let mut state = TrainingState::new(&config, head.flat_weights());
         let (mut losses, mut drawing, mut stepping, mut timed) = (Vec::new(), 0.0, 0.0, 0_usize);
         for step in 0..self.steps {
             let start = Instant::now();
             let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step as u64)?;
             let drawn = start.elapsed().as_secs_f64();
-            let gradient = source.gradient(&state.parameters.weights, config.objective(), &batch);
+            let gradient = source.gradient(&state.parameters.weights, config.objective(), &batch)?;
             state.apply(&config, gradient)?;
             if step > 0 || self.steps == 1 {
                 drawing += drawn;
@@ -115,8 +115,8 @@ impl BackendTrial {
         let moved = |(k, weight): (usize, f32)| weight + 0.05 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
         let weights: Vec<f32> = head.flat_weights().into_iter().enumerate().map(moved).collect();
         let objective = crate::Loss::LogChiSquare.into();
-        let mut source = config.gradient.source(&head, config.backend, &device);
-        let gradient = source.gradient(&weights, objective, &batch);
+        let mut source = config.gradient.source(&head, config.backend, &device)?;
+        let gradient = source.gradient(&weights, objective, &batch)?;
         Ok(gradient.map_or(f64::NAN, |found| gradient_error(&config.head, &weights, &batch, &found.d_weight)))
     }
 }
@@ -143,7 +143,7 @@ mod tests {
                 let others = first.as_ref().map_or(&[][..], |row| &row.losses);
                 let row = match (BackendTrial { config, steps: 3 }).run(backend, &target, others, &|_| {}) {
                     Ok(row) => row,
-                    Err(Error::BackendNotCompiled { .. }) => continue,
+                    Err(Error::BackendNotCompiled { .. } | Error::DeviceNotCompiled) => continue,
                     Err(error) => panic!("{error}"),
                 };
                 // f32 rounding of sums of a few thousand terms; the required accuracy is 1e-4.

@@ -12,6 +12,15 @@ pub enum Error {
         /// The requested backend.
         backend: Backend,
     },
+    /// Gradients on a graphics device are not part of this build.
+    #[error("gradients on a graphics device are not in this build: build with `--features gpu`")]
+    DeviceNotCompiled,
+    /// A graphics device cannot be had, has too little memory, or failed.
+    #[error("training on a graphics device: {reason}")]
+    Device {
+        /// What is wrong.
+        reason: String,
+    },
     /// Only heads for diffuse surfaces can be baked.
     #[error("tables are over normals: only a head for diffuse surfaces can be baked")]
     NotBakeable,

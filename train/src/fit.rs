@@ -82,7 +82,7 @@ pub fn fit_with(config: &FitConfig, target: &dyn Target, run: Run<'_>) -> Result
     let state = TrainingState::new(config, blank.flat_weights());
     let mut trainer = Trainer::new(config, config, state, points_per_step, run)?;
     let validation = Validation::new(target, config.validation_shape(), config.seed)?;
-    let source = config.gradient.source(&blank, config.backend, &device);
+    let source = config.gradient.source(&blank, config.backend, &device)?;
     let mut training = HeadTraining { config, target, source, validation, blank: &blank, device: &device };
     let initial = training.measure(&blank.flat_weights());
     trainer.report((trainer.state.step == 0).then_some(initial))?;
@@ -130,7 +130,7 @@ impl Trainable for HeadTraining<'_> {
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
         let shape = self.config.batch_shape();
         let batch = Batch::draw(self.target, shape, self.config.seed, Purpose::Batch, step as u64)?;
-        Ok(self.source.gradient(weights, self.config.objective(), &batch))
+        self.source.gradient(weights, self.config.objective(), &batch)
     }
 
     fn divergence(&mut self, state: &TrainingState) -> Option<Divergence> {

@@ -7,28 +7,32 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Backend, GradientSource, Objective, StepGradient, config::name_of, fused::FusedGradient, in_graph::in_graph,
-    integrand::Batch,
+    Backend, GradientSource, Objective, Result, StepGradient, config::name_of, fused::FusedGradient,
+    in_graph::in_graph, integrand::Batch,
 };
 
 /// How a step's gradient is computed. All forms agree to rounding.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GradientForm {
-    /// The fastest form for the backend: fused on the host, in the graph elsewhere.
+    /// The fastest form: on the device where this build and the machine have a graphics card, else fused for a
+    /// backend on the host, and in the graph for others.
     #[default]
     Auto,
     /// Networks, splines and their derivatives in one pass over SIMD lanes, see [`crate::fused`]. Host only.
     Fused,
-    /// In the tensor library's graph, see [`crate::in_graph`]: the reference, and the form for GPUs.
+    /// In the tensor library's graph, see [`crate::in_graph`]: the reference on every backend.
     InGraph,
+    /// By shaders on a graphics device, see `device`; needs the feature `gpu`. Flow tails are fitted in the
+    /// fused form.
+    Device,
 }
 
 impl GradientForm {
     /// All forms except `Auto`.
-    pub const FORMS: [Self; 2] = [Self::Fused, Self::InGraph];
+    pub const FORMS: [Self; 3] = [Self::Fused, Self::InGraph, Self::Device];
 
-    /// Returns the form for a backend.
+    /// Returns the form for a backend of a machine without a graphics card.
     pub const fn on(self, backend: Backend) -> Self {
         match self {
             Self::Auto if backend.is_host() => Self::Fused,
@@ -38,11 +42,18 @@ impl GradientForm {
     }
 
     /// Returns the gradient source for heads of the shape of `head`, which lives on `device`.
-    pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Box<dyn GradientSource> {
-        match self.on(backend) {
+    ///
+    /// # Errors
+    /// If the form needs a graphics device, and this build or the machine has none.
+    pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Result<Box<dyn GradientSource>> {
+        if let (Self::Auto, Some(source)) = (self, on_graphics_card(head)?) {
+            return Ok(source);
+        }
+        Ok(match self.on(backend) {
             Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),
             Self::InGraph => Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff() }),
-        }
+            Self::Device => on_device(head)?,
+        })
     }
 }
 
@@ -50,6 +61,28 @@ impl fmt::Display for GradientForm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&name_of(self))
     }
+}
+
+#[cfg(feature = "gpu")]
+fn on_device(head: &Head) -> Result<Box<dyn GradientSource>> {
+    Ok(Box::new(crate::device::DeviceGradient::new(head)?))
+}
+
+#[cfg(feature = "gpu")]
+fn on_graphics_card(head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
+    let found = crate::device::DeviceGradient::on_graphics_card(head)?;
+    Ok(found.map(|found| Box::new(found) as Box<dyn GradientSource>))
+}
+
+#[cfg(not(feature = "gpu"))]
+fn on_device(_head: &Head) -> Result<Box<dyn GradientSource>> {
+    Err(crate::Error::DeviceNotCompiled)
+}
+
+#[cfg(not(feature = "gpu"))]
+#[allow(clippy::unnecessary_wraps)]
+fn on_graphics_card(_head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
+    Ok(None)
 }
 
 /// Gradients by burn, on any backend.
@@ -60,8 +93,8 @@ struct BurnGradient {
 }
 
 impl GradientSource for BurnGradient {
-    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient> {
+    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>> {
         let head = self.head.clone().with_flat_weights(weights, &self.device);
-        in_graph(&head, objective, batch, &self.device)
+        Ok(in_graph(&head, objective, batch, &self.device))
     }
 }

@@ -12,7 +12,7 @@
 //! | `flow/`, `fit_tail.rs` | fitting a flow tail; the tail of a configuration |
 //! | `loss/` | losses in closed form, and in burn's graph |
 //! | `step_gradient.rs`, `gradient.rs` | the trait `GradientSource`; its forms |
-//! | `fused/`, `in_graph.rs` | gradients in SIMD lanes; the same in burn's graph |
+//! | `fused/`, `device/`, `in_graph.rs` | gradients in SIMD lanes; by shaders on a GPU; in burn's graph |
 //! | `reference.rs` | the loss in f64, for tests |
 //! | `trainer.rs`, `state.rs`, `optimizer.rs` | the training loop, its state, AdamW |
 //! | `fit.rs` | training heads |
@@ -32,6 +32,8 @@ mod build_target;
 pub mod checkpoint;
 pub mod config;
 pub mod config_file;
+#[cfg(feature = "gpu")]
+pub mod device;
 pub mod error;
 pub mod export;
 pub mod fit;

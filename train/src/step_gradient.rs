@@ -1,6 +1,6 @@
 //! A step's gradient: the interface between the training loop and its implementations.
 
-use crate::{Objective, integrand::Batch};
+use crate::{Objective, Result, integrand::Batch};
 
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,5 +27,8 @@ impl StepGradient {
 pub trait GradientSource: Send {
     /// Returns the gradient at `weights` (in the order of [`headtail_model::Head::flat_weights`]); `None` if
     /// the target is zero under every condition of the batch. The caller skips results that are not finite.
-    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient>;
+    ///
+    /// # Errors
+    /// If a graphics device fails or has too little memory.
+    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>>;
 }

@@ -1,14 +1,14 @@
 //! Sampling by the example shader on a device, for tests and benchmarks.
 
-use std::borrow::Cow;
-
 use glam::Vec3;
 use headtail_sampling::{
     brdf::{Ggx, Kernel, Lambert},
     random::{Purpose, Stream},
 };
-use headtail_shaders::Shader;
-use wgpu::util::DeviceExt;
+use headtail_shaders::{
+    Shader,
+    gpu::{Gpu, GpuError},
+};
 
 /// A point to sample at, and a direction whose pdf is evaluated.
 #[repr(C)]
@@ -62,18 +62,9 @@ pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     (queries.collect(), alphas)
 }
 
-/// Returns the fastest adapter; `None` if there is none.
-pub fn adapter() -> Option<wgpu::Adapter> {
-    let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let power_preference = wgpu::PowerPreference::HighPerformance;
-    let options = wgpu::RequestAdapterOptions { power_preference, ..Default::default() };
-    pollster::block_on(instance.request_adapter(&options)).ok()
-}
-
 /// A shader with its buffers and a list of queries on a device.
 pub struct Program {
-    device: wgpu::Device,
-    queue: wgpu::Queue,
+    gpu: Gpu,
     pipeline: wgpu::ComputePipeline,
     group: wgpu::BindGroup,
     answers: wgpu::Buffer,
@@ -81,74 +72,53 @@ pub struct Program {
 }
 
 impl Program {
-    /// Uploads everything to the [`adapter`]; `None` if there is none.
-    pub fn new(shader: &Shader, queries: &[Query]) -> Option<Self> {
-        let adapter = adapter()?;
-        let descriptor = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
-        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor)).unwrap();
+    /// Uploads everything to the fastest adapter.
+    pub fn new(shader: &Shader, queries: &[Query]) -> Result<Self, GpuError> {
+        let gpu = Gpu::open()?;
         // The example returns everything but the mixture weight.
         let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, mixture_weight: f32 }");
         let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
-        let source = wgpu::ShaderSource::Wgsl(Cow::Owned(source));
-        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor { label: None, source });
-        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: None,
-            layout: None,
-            module: &module,
-            entry_point: Some("headtail_draw"),
-            compilation_options: Default::default(),
-            cache: None,
-        });
-        let storage = wgpu::BufferUsages::STORAGE;
-        let inputs = [
+        let pipeline = gpu.pipeline(None, &source, "headtail_draw");
+        let inputs: [&[u8]; 3] = [
             bytemuck::cast_slice(&shader.floats),
             bytemuck::cast_slice(&shader.integers),
             bytemuck::cast_slice(queries),
         ];
-        let inputs = inputs.map(|contents| {
-            device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage: storage })
-        });
-        let size = (queries.len() * size_of::<Answer>()) as u64;
-        let usage = storage | wgpu::BufferUsages::COPY_SRC;
-        let answers =
-            device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
-        let entries: Vec<_> = inputs
+        let mut buffers = Vec::new();
+        for contents in inputs {
+            let buffer = gpu.buffer("what a sampler reads", contents.len() as u64)?;
+            gpu.queue.write_buffer(&buffer, 0, contents);
+            buffers.push(buffer);
+        }
+        let answers = gpu.buffer("answers", (queries.len() * size_of::<Answer>()) as u64)?;
+        let entries: Vec<_> = buffers
             .iter()
             .chain([&answers])
             .zip(0..)
             .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             .collect();
         let layout = pipeline.get_bind_group_layout(0);
-        let group =
-            device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries });
-        Some(Self { device, queue, pipeline, group, answers, queries: queries.len() })
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
+        let group = gpu.device.create_bind_group(&descriptor);
+        gpu.check()?;
+        Ok(Self { gpu, pipeline, group, answers, queries: queries.len() })
     }
 
     /// Answers all queries, and waits.
     pub fn run(&self) {
-        let mut encoder = self.device.create_command_encoder(&Default::default());
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
             pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &self.group, &[]);
             pass.dispatch_workgroups(self.queries.div_ceil(64) as u32, 1, 1);
         }
-        self.queue.submit([encoder.finish()]);
-        self.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
     }
 
     /// Returns the answers of the last [`Program::run`].
     pub fn answers(&self) -> Vec<Answer> {
-        let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
-        let size = self.answers.size();
-        let copy =
-            self.device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
-        let mut encoder = self.device.create_command_encoder(&Default::default());
-        encoder.copy_buffer_to_buffer(&self.answers, 0, &copy, 0, size);
-        self.queue.submit([encoder.finish()]);
-        copy.slice(..).map_async(wgpu::MapMode::Read, |result| result.unwrap());
-        self.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
-        let view = copy.slice(..).get_mapped_range().unwrap();
-        bytemuck::cast_slice(&view).to_vec()
+        self.gpu.read(&self.answers, 0, self.queries).unwrap()
     }
 }

@@ -25,7 +25,9 @@ impl FlowGradient {
     /// Returns the form of a configuration.
     pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Self {
         match config.gradient.on(config.backend) {
-            GradientForm::Fused | GradientForm::Auto => Self::Fused(Box::new(FusedFlow::new(flow))),
+            GradientForm::Fused | GradientForm::Auto | GradientForm::Device => {
+                Self::Fused(Box::new(FusedFlow::new(flow)))
+            }
             GradientForm::InGraph => Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() },
         }
     }

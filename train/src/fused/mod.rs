@@ -24,7 +24,7 @@ use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, head::MIXTURE_WEIGHT
 use headtail_render::simd::{self, Simd, Vectorized};
 use rayon::prelude::*;
 
-use crate::{GradientSource, Objective, StepGradient, integrand::Batch};
+use crate::{GradientSource, Objective, Result, StepGradient, integrand::Batch};
 
 use conditions::Conditions;
 pub use flow::FusedFlow;
@@ -49,13 +49,13 @@ pub struct FusedGradient {
 
 /// Offsets of the layers in the flat list of weights, see [`Head::flat_weights`].
 #[derive(Clone, Debug)]
-struct Layout {
-    config: HeadConfig,
-    encoder: Vec<Layer>,
-    elevation: Vec<Layer>,
-    azimuth: Vec<Layer>,
-    mixture_weight: Vec<Layer>,
-    length: usize,
+pub(crate) struct Layout {
+    pub config: HeadConfig,
+    pub encoder: Vec<Layer>,
+    pub elevation: Vec<Layer>,
+    pub azimuth: Vec<Layer>,
+    pub mixture_weight: Vec<Layer>,
+    pub length: usize,
 }
 
 /// Buffers of one part of a batch, reused between steps.
@@ -69,7 +69,7 @@ struct Part {
 }
 
 impl Layout {
-    fn new(config: HeadConfig) -> Self {
+    pub fn new(config: HeadConfig) -> Self {
         let mut length = 0;
         let mut layers = |sizes: &[usize]| -> Vec<Layer> {
             let layer = |pair: &[usize]| {
@@ -103,11 +103,11 @@ impl FusedGradient {
 }
 
 impl GradientSource for FusedGradient {
-    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Option<StepGradient> {
+    fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>> {
         assert_eq!(weights.len(), self.layout.length, "one number for each weight");
         let lit = batch.lit_count();
         if lit == 0 {
-            return None;
+            return Ok(None);
         }
         let count = batch.condition_count();
         let layout = &self.layout;
@@ -117,7 +117,8 @@ impl GradientSource for FusedGradient {
             let range = index * count / parts..(index + 1) * count / parts;
             simd::dispatch(BatchPart { part, layout, weights, objective, batch, range, scale: 1.0 / lit as f32 });
         });
-        Some(StepGradient::sum(layout.length, self.parts.iter().map(|part| (part.loss, &part.gradient[..]))))
+        let parts = self.parts.iter().map(|part| (part.loss, &part.gradient[..]));
+        Ok(Some(StepGradient::sum(layout.length, parts)))
     }
 }
 
@@ -211,7 +212,7 @@ mod tests {
                 let mut fused = FusedGradient::new(&head);
                 // Twice, because buffers are reused.
                 for _ in 0..2 {
-                    let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap();
+                    let found = fused.gradient(&head.flat_weights(), objective, &batch).unwrap().unwrap();
                     assert_same(&expected, &found, 1e-5, &format!("{config:?} {loss:?}"));
                 }
             }
@@ -225,7 +226,7 @@ mod tests {
         let gradient = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let batch = batch(Condition::Normal);
-            pool.install(|| FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch))
+            pool.install(|| FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch).unwrap())
         };
         assert_eq!(gradient(1), gradient(3));
     }
@@ -236,6 +237,6 @@ mod tests {
         let mut batch = batch(Condition::Normal);
         batch.densities.fill(0.0);
         let objective = Objective { loss: Loss::LogChiSquare, entropic: 0.0 };
-        assert_eq!(FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch), None);
+        assert_eq!(FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch).unwrap(), None);
     }
 }

@@ -1,0 +1,157 @@
+//! Graphics devices through `wgpu`: opening one, compute pipelines, buffers, reading back.
+
+use std::{
+    borrow::Cow,
+    fmt,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use wgpu::{BufferUsages, DeviceType};
+
+/// Why work on a device failed.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum GpuError {
+    /// There is no adapter, or none that can be opened.
+    #[error("no graphics adapter: install a Vulkan, Metal or DX12 driver (mesa-vulkan-drivers has one in software)")]
+    NoAdapter,
+    /// More memory is needed than the adapter gives.
+    #[error("{what} needs {needed} bytes in one buffer, and the adapter allows {allowed}")]
+    TooLarge {
+        /// What needs the memory.
+        what: &'static str,
+        /// Bytes needed.
+        needed: u64,
+        /// Bytes allowed.
+        allowed: u64,
+    },
+    /// The driver refused work, or the device was lost.
+    #[error("the graphics device failed: {0}")]
+    Failed(String),
+}
+
+/// A device and its queue. Nothing is rendered: only compute shaders run on it.
+pub struct Gpu {
+    /// The device.
+    pub device: wgpu::Device,
+    /// Its queue.
+    pub queue: wgpu::Queue,
+    info: wgpu::AdapterInfo,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    /// Opens the fastest adapter, a software adapter where there is no other.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] if there is none; [`GpuError::Failed`] if it cannot be opened.
+    pub fn open() -> Result<Self, GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let power_preference = wgpu::PowerPreference::HighPerformance;
+        let options = wgpu::RequestAdapterOptions { power_preference, ..Default::default() };
+        let adapter = pollster::block_on(instance.request_adapter(&options)).map_err(|_| GpuError::NoAdapter)?;
+        // All that the adapter has: large buffers, above all.
+        let descriptor = wgpu::DeviceDescriptor { required_limits: adapter.limits(), ..Default::default() };
+        let opened = pollster::block_on(adapter.request_device(&descriptor));
+        let (device, queue) = opened.map_err(|error| GpuError::Failed(error.to_string()))?;
+        let failure = Arc::new(Mutex::new(None));
+        // By default an error ends the process.
+        let first = failure.clone();
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| note(&first, error.to_string())));
+        let first = failure.clone();
+        device.set_device_lost_callback(move |reason, message| {
+            if reason != wgpu::DeviceLostReason::Destroyed {
+                note(&first, format!("it was lost: {message}"));
+            }
+        });
+        Ok(Self { device, queue, info: adapter.get_info(), failure })
+    }
+
+    /// Returns whether the adapter is a graphics card, with memory of its own.
+    pub fn is_discrete(&self) -> bool {
+        self.info.device_type == DeviceType::DiscreteGpu
+    }
+
+    /// Returns the largest size of a storage buffer in bytes.
+    pub fn largest_buffer(&self) -> u64 {
+        let limits = self.device.limits();
+        limits.max_storage_buffer_binding_size.min(limits.max_buffer_size)
+    }
+
+    /// Returns an error if a driver refused work, or the device was lost, since the device was opened.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] with the first reason.
+    pub fn check(&self) -> Result<(), GpuError> {
+        match &*self.failure.lock().unwrap_or_else(PoisonError::into_inner) {
+            Some(reason) => Err(GpuError::Failed(reason.clone())),
+            None => Ok(()),
+        }
+    }
+
+    /// Creates a storage buffer of `bytes` bytes, filled with zeros.
+    ///
+    /// # Errors
+    /// [`GpuError::TooLarge`] if the adapter has no buffers of this size.
+    pub fn buffer(&self, what: &'static str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+        let allowed = self.largest_buffer();
+        if bytes > allowed {
+            return Err(GpuError::TooLarge { what, needed: bytes, allowed });
+        }
+        let usage = BufferUsages::STORAGE | BufferUsages::COPY_SRC | BufferUsages::COPY_DST;
+        let descriptor = wgpu::BufferDescriptor { label: Some(what), size: bytes, usage, mapped_at_creation: false };
+        Ok(self.device.create_buffer(&descriptor))
+    }
+
+    /// Compiles a compute pipeline. `layout` of `None` is that of the shader's own bindings.
+    pub fn pipeline(&self, layout: Option<&wgpu::PipelineLayout>, source: &str, entry: &str) -> wgpu::ComputePipeline {
+        let source = wgpu::ShaderSource::Wgsl(Cow::Borrowed(source));
+        let module = self.device.create_shader_module(wgpu::ShaderModuleDescriptor { label: Some(entry), source });
+        self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(entry),
+            layout,
+            module: &module,
+            entry_point: Some(entry),
+            compilation_options: Default::default(),
+            cache: None,
+        })
+    }
+
+    /// Waits for all work, and returns `count` numbers of a buffer from number `first` on.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn read<T: bytemuck::Pod>(&self, buffer: &wgpu::Buffer, first: u64, count: usize) -> Result<Vec<T>, GpuError> {
+        let (start, size) = (first * size_of::<T>() as u64, (count * size_of::<T>()) as u64);
+        let usage = BufferUsages::MAP_READ | BufferUsages::COPY_DST;
+        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
+        let copy = self.device.create_buffer(&descriptor);
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(buffer, start, &copy, 0, size);
+        self.queue.submit([encoder.finish()]);
+        let failure = self.failure.clone();
+        copy.slice(..).map_async(wgpu::MapMode::Read, move |mapped| {
+            if let Err(error) = mapped {
+                note(&failure, error.to_string());
+            }
+        });
+        let waited = self.device.poll(wgpu::PollType::wait_indefinitely());
+        self.check()?;
+        waited.map_err(|error| GpuError::Failed(error.to_string()))?;
+        let view = copy.slice(..).get_mapped_range().map_err(|error| GpuError::Failed(error.to_string()))?;
+        Ok(bytemuck::pod_collect_to_vec(&view))
+    }
+}
+
+/// Names the adapter, its driver and its interface.
+impl fmt::Display for Gpu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let wgpu::AdapterInfo { name, driver_info, backend, .. } = &self.info;
+        write!(f, "{name} ({backend}, {driver_info})")
+    }
+}
+
+/// Keeps the first of several reasons: what follows is often its consequence.
+fn note(failure: &Mutex<Option<String>>, reason: String) {
+    failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+}

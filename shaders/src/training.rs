@@ -1,0 +1,117 @@
+//! Shaders of training: matrix products, splines and losses with their derivatives, over matrices of one
+//! column per point.
+//!
+//! All have the same bindings: weights, the batch, an arena that holds the matrices, slices of the gradient,
+//! and a uniform structure `Params`.
+
+use crate::RATIONAL_QUADRATIC;
+
+/// A shader, named as its entry point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Kernel {
+    /// A layer, forward or backward. `rows` is the number of its threads along the outputs, 8 outputs each.
+    Affine {
+        /// 1 to 16.
+        rows: u32,
+    },
+    /// The gradient of a layer's weights, with `rows` as for `Affine`.
+    WeightGradient {
+        /// 1 to 16.
+        rows: u32,
+    },
+    /// Splines, in the density direction.
+    SplineForward,
+    /// Their derivatives.
+    SplineBackward,
+    /// Losses and their derivatives.
+    Loss,
+    /// A layer's weights in the order of both passes.
+    Pack,
+    /// The features of points.
+    Place,
+    /// A first layer, of features and of what it makes of a condition.
+    FirstLayer,
+    /// Derivatives by a feature.
+    FeatureDerivative,
+    /// Derivatives through an activation.
+    ThroughActivation,
+    /// The sum of the slices of the gradient.
+    AddSlices,
+    /// Sums over the columns of a condition.
+    ConditionSums,
+    /// The gradient of a feature's weights.
+    FeatureGradient,
+}
+
+impl Kernel {
+    /// Returns the name of the entry point.
+    pub const fn entry(self) -> &'static str {
+        match self {
+            Self::Affine { .. } => "affine",
+            Self::WeightGradient { .. } => "weight_gradient",
+            Self::SplineForward => "spline_forward",
+            Self::SplineBackward => "spline_backward",
+            Self::Loss => "loss",
+            Self::Pack => "pack",
+            Self::Place => "place",
+            Self::FirstLayer => "first_layer",
+            Self::FeatureDerivative => "feature_derivative",
+            Self::ThroughActivation => "through_activation",
+            Self::AddSlices => "add_slices",
+            Self::ConditionSums => "condition_sums",
+            Self::FeatureGradient => "feature_gradient",
+        }
+    }
+
+    /// Returns the WGSL source.
+    pub fn source(self) -> String {
+        match self {
+            Self::Affine { rows } => with_rows(rows, include_str!("../wgsl/train/affine.wgsl")),
+            Self::WeightGradient { rows } => with_rows(rows, include_str!("../wgsl/train/weight_gradient.wgsl")),
+            Self::SplineForward | Self::SplineBackward => {
+                [RATIONAL_QUADRATIC, include_str!("../wgsl/train/spline_gradient.wgsl")].join("\n")
+            }
+            Self::Loss => include_str!("../wgsl/train/loss.wgsl").into(),
+            _ => include_str!("../wgsl/train/columns.wgsl").into(),
+        }
+    }
+}
+
+fn with_rows(rows: u32, source: &str) -> String {
+    format!("const ROWS: u32 = {rows}u;\n{source}")
+}
+
+#[cfg(test)]
+mod tests {
+    use naga::valid::{Capabilities, ValidationFlags, Validator};
+
+    use super::*;
+
+    #[test]
+    fn shaders_are_valid_and_need_no_optional_capability() {
+        let layers =
+            [1, 13, 16].into_iter().flat_map(|rows| [Kernel::Affine { rows }, Kernel::WeightGradient { rows }]);
+        let others = [
+            Kernel::SplineForward,
+            Kernel::SplineBackward,
+            Kernel::Loss,
+            Kernel::Pack,
+            Kernel::Place,
+            Kernel::FirstLayer,
+            Kernel::FeatureDerivative,
+            Kernel::ThroughActivation,
+            Kernel::AddSlices,
+            Kernel::ConditionSums,
+            Kernel::FeatureGradient,
+        ];
+        for kernel in layers.chain(others) {
+            let source = kernel.source();
+            let module = naga::front::wgsl::parse_str(&source);
+            let module = module.unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)));
+            assert!(module.entry_points.iter().any(|entry| entry.name == kernel.entry()), "{kernel:?}");
+            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+            let found = validator.validate(&module);
+            found.unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)));
+        }
+    }
+}

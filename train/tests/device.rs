@@ -1,0 +1,138 @@
+//! Gradients on a graphics device match the fused ones: `cargo test --release -p headtail-train --features gpu`.
+//!
+//! Without a graphics adapter, not even a software one, the tests say so and count as ignored.
+
+use headtail_model::{Condition, EncoderConfig, Head, HeadConfig, Mode};
+use headtail_render::{
+    environment::Environment,
+    random::Purpose,
+    tail::{Tail, TailKind},
+};
+use headtail_train::{
+    Backend, Batch, CosineTarget, GradientSource, Loss, Objective, StepGradient, device::DeviceGradient,
+    fused::FusedGradient, integrand::BatchShape,
+};
+use libtest_mimic::{Arguments, Failed, Trial};
+
+type Outcome = Result<(), Failed>;
+
+/// Returns a batch of random conditions; the first has no light, and the others have mixtures with BRDF
+/// sampling.
+fn batch(condition: Condition, conditions: usize) -> Batch {
+    let map = Environment::open("studio").unwrap();
+    let tail = Tail::of_environment(TailKind::Hierarchical, &map).unwrap();
+    let shape = BatchShape { conditions, strata: 4, brdf_samples: 9 };
+    let mut batch = Batch::draw(&CosineTarget::new(&tail), shape, 0, Purpose::Test, 0).unwrap();
+    batch.densities[..25].fill(0.0);
+    let length = condition.length();
+    batch.conditions = (0..conditions * length).map(|k| ((k * 7919) % 101) as f32 / 50.0 - 1.0).collect();
+    batch.condition_length = length;
+    for (k, brdf) in batch.brdf.iter_mut().enumerate() {
+        *brdf = (k % 5) as f32 * 0.7;
+    }
+    batch
+}
+
+/// Returns a head, and weights other than the initial ones, whose last layers are zero.
+fn head(config: HeadConfig, scale: f32) -> (Head, Vec<f32>) {
+    let head = Head::new(config, 3, &Backend::default().device().unwrap()).unwrap();
+    let moved = |(k, weight): (usize, f32)| weight + scale * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
+    let weights = head.flat_weights().into_iter().enumerate().map(moved).collect();
+    (head, weights)
+}
+
+/// Fails unless losses and all entries of the gradient are equal to 1e-4, relative to the largest entry.
+fn same(expected: &StepGradient, found: &StepGradient) -> Outcome {
+    let largest = expected.d_weight.iter().fold(0.0_f32, |largest, d| largest.max(d.abs()));
+    for (place, (a, b)) in expected.d_weight.iter().zip(&found.d_weight).enumerate() {
+        if !((a - b).abs() <= 1e-4 * largest) {
+            return Err(format!("weight {place}: {a} and {b}, the largest is {largest}").into());
+        }
+    }
+    if !((expected.loss - found.loss).abs() <= 1e-4 * expected.loss.abs().max(1.0)) {
+        return Err(format!("losses {} and {}", expected.loss, found.loss).into());
+    }
+    Ok(())
+}
+
+/// Compares two steps of a head with the fused form; the second uses the buffers of the first.
+fn agrees(config: HeadConfig, objective: Objective, conditions: usize) -> Outcome {
+    // Large logits make narrow bins, which magnify rounding.
+    let (head, mut weights) = head(config, if config.bins > 8 { 0.05 } else { 0.2 });
+    let batch = batch(config.condition, conditions);
+    // Several pieces, the last one smaller.
+    let mut device = DeviceGradient::new(&head)?.in_pieces_of(8 * batch.samples);
+    let mut fused = FusedGradient::new(&head);
+    for _ in 0..2 {
+        let expected = fused.gradient(&weights, objective, &batch)?.ok_or("there is light")?;
+        let found = device.gradient(&weights, objective, &batch)?.ok_or("there is light")?;
+        same(&expected, &found)?;
+        weights.iter_mut().for_each(|weight| *weight *= 0.9);
+    }
+    Ok(())
+}
+
+fn same_bytes_in_every_run() -> Outcome {
+    let (head, weights) = head(HeadConfig::COSINE, 0.1);
+    let batch = batch(Condition::Normal, 40);
+    let step = || DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch);
+    if step()? != step()? {
+        return Err("two runs differ".into());
+    }
+    Ok(())
+}
+
+fn no_gradient_without_light() -> Outcome {
+    let (head, weights) = head(HeadConfig::COSINE, 0.1);
+    let mut batch = batch(Condition::Normal, 3);
+    batch.densities.fill(0.0);
+    match DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch)? {
+        None => Ok(()),
+        Some(_) => Err("there is no light".into()),
+    }
+}
+
+fn main() {
+    let arguments = Arguments { test_threads: Some(1), ..Arguments::from_args() };
+    let adapter = Head::new(HeadConfig::COSINE, 0, &Backend::default().device().unwrap())
+        .map_err(headtail_train::Error::from)
+        .and_then(|head| DeviceGradient::new(&head));
+    match &adapter {
+        Ok(device) => println!("adapter: {}", device.name()),
+        Err(reason) => eprintln!("skipped: {reason}"),
+    }
+    let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
+    let mut trials = vec![
+        Trial::test("same_bytes_in_every_run", same_bytes_in_every_run),
+        Trial::test("no_gradient_without_light", no_gradient_without_light),
+    ];
+    for mode in [Mode::Coupled, Mode::Autoregressive] {
+        for (name, loss, entropic, config) in [
+            ("cosine", Loss::ForwardKl, 0.0, HeadConfig { mode, ..HeadConfig::COSINE }),
+            (
+                "encoder_and_mixture",
+                Loss::LogChiSquare,
+                1e-2,
+                HeadConfig { mode, encoder, bins: 8, share: true, ..HeadConfig::COSINE },
+            ),
+            (
+                "one_layer",
+                Loss::ChiSquare,
+                0.0,
+                HeadConfig { mode, hidden: 24, hidden_layers: 1, ..HeadConfig::MICROFACET },
+            ),
+            (
+                "three_layers",
+                Loss::ReverseKl,
+                1e-2,
+                HeadConfig { mode, hidden_layers: 3, share: true, ..HeadConfig::MICROFACET },
+            ),
+            ("wide", Loss::LogChiSquare, 0.0, HeadConfig { mode, hidden: 200, bins: 50, ..HeadConfig::MICROFACET }),
+        ] {
+            let name = format!("matches_the_fused_gradient::{name}::{}", format!("{mode:?}").to_lowercase());
+            trials.push(Trial::test(name, move || agrees(config, Objective { loss, entropic }, 21)));
+        }
+    }
+    let trials = trials.into_iter().map(|trial| trial.with_ignored_flag(adapter.is_err())).collect();
+    libtest_mimic::run(&arguments, trials).exit();
+}
