@@ -17,7 +17,7 @@ use crate::terminal::out;
   headtail backends --preset paper-cosine --mode autoregressive --backend ndarray --json
   headtail backends --gradient in-graph --conditions 16 --samples 64
 
-Each row is one form of the gradient: fused, the same code for all CPU backends, then in the graph of each backend. It has points per second through forward, backward and optimiser, and with the time in which targets are drawn; the \
+Each row is one form of the gradient: fused, the same code for all CPU backends; by shaders on a graphics device, with --features gpu; in the graph of each backend. It has points per second through forward, backward and optimiser, and with the time in which targets are drawn; the \
 process's peak memory; the last loss; the largest difference of a step's loss to the first row's; and the gradient's difference to \
 central differences in f64, relative to its norm.")]
 pub struct Arguments {
@@ -42,7 +42,7 @@ pub struct Arguments {
     /// Run only this backend: ndarray, flex or wgpu.
     #[arg(long, value_parser = parse::<Backend>)]
     backend: Option<Backend>,
-    /// Run only this form of the gradient: fused or in-graph.
+    /// Run only this form of the gradient: fused, in-graph or device.
     #[arg(long, value_parser = form)]
     gradient: Option<GradientForm>,
     /// Print an array of JSON objects.
@@ -58,15 +58,15 @@ pub fn parse<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
 /// Parses a form of the gradient.
 fn form(text: &str) -> Result<GradientForm, String> {
     let found = GradientForm::FORMS.into_iter().find(|form| form.to_string() == text);
-    found.ok_or_else(|| "choose fused or in-graph".to_owned())
+    found.ok_or_else(|| "choose fused, in-graph or device".to_owned())
 }
 
 impl Arguments {
-    /// Returns the wanted backends and forms. The fused form does not use the backend, so that one host backend stands for all.
+    /// Returns the wanted backends and forms. Forms outside the graph do not use the backend, so that one host backend stands for all.
     fn pairs(&self) -> Vec<(Backend, GradientForm)> {
-        let fused = (self.backend.unwrap_or_default(), GradientForm::Fused);
+        let own = [GradientForm::Fused, GradientForm::Device].map(|form| (self.backend.unwrap_or_default(), form));
         let in_graph = Backend::ALL.map(|backend| (backend, GradientForm::InGraph));
-        let mut pairs: Vec<_> = std::iter::once(fused).filter(|pair| pair.0.is_host()).chain(in_graph).collect();
+        let mut pairs: Vec<_> = own.into_iter().filter(|pair| pair.0.is_host()).chain(in_graph).collect();
         pairs.retain(|(backend, form)| {
             self.backend.is_none_or(|only| only == *backend) && self.gradient.is_none_or(|only| only == *form)
         });
@@ -91,7 +91,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let tail = Tail::new(config.tail, environment.width(), environment.height(), &environment.luminance())?;
     let target = build_target(&config, &tail, Viewpoints::Sphere)?;
     let pairs = arguments.pairs();
-    ensure!(!pairs.is_empty(), "the fused form needs a CPU backend");
+    ensure!(!pairs.is_empty(), "the forms fused and device need a CPU backend beside them");
     let steps = arguments.steps as usize;
     let mut rows: Vec<TrialRow> = Vec::new();
     for (backend, gradient) in pairs {
@@ -104,6 +104,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             Ok(row) => rows.push(row),
             // Not in this build; an error only if requested by name.
             Err(Error::BackendNotCompiled { .. }) if arguments.backend.is_none() => {}
+            Err(Error::DeviceNotCompiled) if arguments.gradient.is_none() => {}
             Err(error) => return Err(error.into()),
         }
     }
@@ -124,9 +125,8 @@ fn print_table(config: &FitConfig, steps: usize, rows: &[TrialRow]) {
         steps
     );
     out!(
-        "{:<8} {:<10} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}",
+        "{:<8} {:<15} {:<9} {:>12} {:>14} {:>9} {:>10} {:>11} {:>11}  {}",
         "backend",
-        "device",
         "mode",
         "gradient",
         "M samples/s",
@@ -134,13 +134,13 @@ fn print_table(config: &FitConfig, steps: usize, rows: &[TrialRow]) {
         "peak MB",
         "loss",
         "loss diff",
-        "f64 diff"
+        "f64 diff",
+        "device"
     );
     for row in rows {
         out!(
-            "{:<8} {:<10} {:<15} {:<9} {:>12.3} {:>14.3} {:>9} {:>10.5} {:>11.1e} {:>11.1e}",
+            "{:<8} {:<15} {:<9} {:>12.3} {:>14.3} {:>9} {:>10.5} {:>11.1e} {:>11.1e}  {}",
             row.backend.to_string(),
-            row.device,
             format!("{:?}", row.mode).to_lowercase(),
             row.gradient.to_string(),
             row.samples_per_second / 1e6,
@@ -149,6 +149,7 @@ fn print_table(config: &FitConfig, steps: usize, rows: &[TrialRow]) {
             row.final_loss,
             row.largest_loss_difference,
             row.gradient_error,
+            row.device,
         );
     }
 }

@@ -81,7 +81,7 @@ pub fn fit(
         let of_tail = checkpoints.as_ref().map(CheckpointFolder::of_tail);
         let [of_tail, of_head] =
             [&of_tail, &checkpoints].map(|folder| folder.as_ref().map(|folder| folder as &dyn Checkpoints));
-        let mut warn = |error: &headtail_train::Error| eprintln!("warning: {error}; the checkpoint before it is used");
+        let mut warn = |error: &headtail_train::Error| eprintln!("warning: {error}");
         let run = Run { progress: &mut watch, interrupt: &stop, checkpoints: of_tail, warn: &mut warn };
         let (tail, _) = fit_tail(&config, &map, run)?;
         let target = build_target(&config, &tail, Viewpoints::Sphere)?;

@@ -124,9 +124,12 @@ pub fn perform(run: &RunConfig, context: RunContext<'_>) -> Result<Finished> {
         }
         Ok(())
     };
-    let warn = &mut |error: &headtail_train::Error| warning!("{error}; the checkpoint before it is used");
+    let warn = &mut |error: &headtail_train::Error| warning!("{error}");
     let checkpoints = checkpoints.as_ref().map(|folder| folder as &dyn Checkpoints);
     let around = Run { progress: &mut show, interrupt: &pause, checkpoints, warn };
+    if let Some(name) = config.gradient.graphics_device()? {
+        say!("gradients by shaders on {name}");
+    }
     let fitted = fit_with(config, &*target, around)?;
     if let Some(folder) = pictures {
         make_folder(&folder)?;
@@ -207,7 +210,7 @@ fn tail_of(
         progress: &mut show,
         interrupt: stop,
         checkpoints: checkpoints.as_ref().map(|folder| folder as &dyn Checkpoints),
-        warn: &mut |error| warning!("{error}; the checkpoint before it is used"),
+        warn: &mut |error| warning!("{error}"),
     };
     let (tail, summary) = fit_tail(&run.fit, environment, around)?;
     bar.finish_and_clear();

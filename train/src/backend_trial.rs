@@ -92,7 +92,7 @@ impl BackendTrial {
         let largest_loss_difference = losses.iter().zip(others).map(apart).fold(0.0, f32::max);
         Ok(TrialRow {
             backend,
-            device: if backend.is_host() { "CPU".into() } else { format!("{device:?}") },
+            device: source.device(),
             mode: config.head.mode,
             gradient: config.gradient.on(backend),
             samples_per_second: timed as f64 / stepping,

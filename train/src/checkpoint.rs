@@ -64,11 +64,14 @@ impl Checkpoints for CheckpointFolder {
             }
             match state_file::read(&path) {
                 Ok(bytes) => {
+                    for change in state_file::free_changes(&bytes, settings) {
+                        warn(&refuse(&path, &change));
+                    }
                     let state = state_file::decode(&bytes, settings, &self.target, 0, blank);
                     return state.map_err(|reason| unusable(&path, &reason));
                 }
                 Err(reason) => {
-                    warn(&refuse(&path, &reason));
+                    warn(&refuse(&path, &format!("{reason}; the checkpoint before it is used")));
                     let refused = self.folder.join(format!("refused-{PREFIX}{step:09}"));
                     fs::rename(&path, refused).map_err(failed(&path))?;
                 }

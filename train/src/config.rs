@@ -33,7 +33,7 @@ pub struct FitConfig {
     pub naive: bool,
     /// Where tensors live: `ndarray`, `flex` or `wgpu`.
     pub backend: Backend,
-    /// How gradients are computed: `auto`, `fused` or `in-graph`.
+    /// How gradients are computed: `auto`, `fused`, `in-graph` or `device`.
     pub gradient: GradientForm,
     /// Seed of weights, batches and validation.
     pub seed: u64,

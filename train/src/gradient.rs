@@ -41,6 +41,18 @@ impl GradientForm {
         }
     }
 
+    /// Names the graphics device that the form computes on; `None` for one in a backend.
+    ///
+    /// # Errors
+    /// As [`source`](Self::source).
+    pub fn graphics_device(self) -> Result<Option<String>> {
+        match self {
+            Self::Auto => device_name(false),
+            Self::Device => device_name(true),
+            Self::Fused | Self::InGraph => Ok(None),
+        }
+    }
+
     /// Returns the gradient source for heads of the shape of `head`, which lives on `device`.
     ///
     /// # Errors
@@ -51,7 +63,10 @@ impl GradientForm {
         }
         Ok(match self.on(backend) {
             Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),
-            Self::InGraph => Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff() }),
+            Self::InGraph => {
+                let name = if backend.is_host() { "CPU".into() } else { format!("{device:?}") };
+                Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff(), name })
+            }
             Self::Device => on_device(head)?,
         })
     }
@@ -74,6 +89,21 @@ fn on_graphics_card(head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
     Ok(found.map(|found| Box::new(found) as Box<dyn GradientSource>))
 }
 
+#[cfg(feature = "gpu")]
+fn device_name(is_asked_for: bool) -> Result<Option<String>> {
+    use headtail_shaders::gpu::{Gpu, GpuError};
+    match Gpu::open() {
+        Ok(gpu) => Ok((is_asked_for || gpu.is_discrete()).then(|| gpu.to_string())),
+        Err(GpuError::NoAdapter) if !is_asked_for => Ok(None),
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(not(feature = "gpu"))]
+fn device_name(is_asked_for: bool) -> Result<Option<String>> {
+    if is_asked_for { Err(crate::Error::DeviceNotCompiled) } else { Ok(None) }
+}
+
 #[cfg(not(feature = "gpu"))]
 fn on_device(_head: &Head) -> Result<Box<dyn GradientSource>> {
     Err(crate::Error::DeviceNotCompiled)
@@ -90,11 +120,16 @@ struct BurnGradient {
     head: Head,
     /// With autodiff.
     device: Device,
+    name: String,
 }
 
 impl GradientSource for BurnGradient {
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>> {
         let head = self.head.clone().with_flat_weights(weights, &self.device);
         Ok(in_graph(&head, objective, batch, &self.device))
+    }
+
+    fn device(&self) -> String {
+        self.name.clone()
     }
 }

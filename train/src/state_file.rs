@@ -143,6 +143,11 @@ fn check_origin(header: &mut Header<TrainingState>, settings: &Value, target: &s
     {
         *saved = steps.clone();
     }
+    for key in FREE {
+        if let (Some(saved), Some(now)) = (header.settings.get_mut(key), settings.get(key)) {
+            saved.clone_from(now);
+        }
+    }
     if let Some(difference) = first_difference("", &header.settings, &settings) {
         return Err(format!("was made with another {difference}"));
     }
@@ -150,6 +155,19 @@ fn check_origin(header: &mut Header<TrainingState>, settings: &Value, target: &s
         return Err(format!("is of another target: it has {}, this run {target}", header.target));
     }
     Ok(())
+}
+
+/// Settings that may change within a run: they change its weights by rounding.
+const FREE: [&str; 2] = ["backend", "gradient"];
+
+/// Describes the changes of such settings since a file was written.
+pub(crate) fn free_changes(bytes: &[u8], settings: &Value) -> Vec<String> {
+    let Ok((header, _)) = open(bytes) else { return Vec::new() };
+    let change = |key: &str| {
+        let (saved, now) = (header.get("settings")?.get(key)?, settings.get(key)?);
+        (saved != now).then(|| format!("was made with {key} = {saved}; it goes on with {now}, which rounds otherwise"))
+    };
+    FREE.into_iter().filter_map(change).collect()
 }
 
 /// Returns the settings and numbers in a file.

@@ -31,4 +31,9 @@ pub trait GradientSource: Send {
     /// # Errors
     /// If a graphics device fails or has too little memory.
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>>;
+
+    /// Names what computes.
+    fn device(&self) -> String {
+        "CPU".into()
+    }
 }

@@ -2,6 +2,8 @@
 //!
 //! Without a graphics adapter, not even a software one, the tests say so and count as ignored.
 
+use std::sync::atomic::AtomicBool;
+
 use headtail_model::{Condition, EncoderConfig, Head, HeadConfig, Mode};
 use headtail_render::{
     environment::Environment,
@@ -9,8 +11,8 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, Batch, CosineTarget, GradientSource, Loss, Objective, StepGradient, device::DeviceGradient,
-    fused::FusedGradient, integrand::BatchShape,
+    Backend, Batch, CosineTarget, FitConfig, GradientForm, GradientSource, Loss, Objective, Progress, StepGradient,
+    device::DeviceGradient, fit, fused::FusedGradient, integrand::BatchShape,
 };
 use libtest_mimic::{Arguments, Failed, Trial};
 
@@ -82,6 +84,27 @@ fn same_bytes_in_every_run() -> Outcome {
     Ok(())
 }
 
+/// Ten steps of training have the losses of the fused form.
+fn same_losses_as_the_fused_form() -> Outcome {
+    let map = Environment::open("studio")?;
+    let tail = Tail::of_environment(TailKind::Hierarchical, &map)?;
+    let losses = |gradient| -> Result<Vec<f32>, Failed> {
+        let mut losses = Vec::new();
+        let config = FitConfig { gradient, steps: 10, conditions: 8, strata: 4, ..FitConfig::default() };
+        let mut progress = |now: &Progress| losses.push(now.loss);
+        fit(&config, &CosineTarget::new(&tail), &mut progress, &AtomicBool::new(false))?;
+        Ok(losses)
+    };
+    let (expected, found) = (losses(GradientForm::Fused)?, losses(GradientForm::Device)?);
+    // The first is that of no step.
+    let apart = |(a, b): (&f32, &f32)| (a - b).abs();
+    let largest = expected[1..].iter().zip(&found[1..]).map(apart).fold(0.0, f32::max);
+    if !(largest < 1e-3 && expected.len() == 11) {
+        return Err(format!("{expected:?} and {found:?}").into());
+    }
+    Ok(())
+}
+
 fn no_gradient_without_light() -> Outcome {
     let (head, weights) = head(HeadConfig::COSINE, 0.1);
     let mut batch = batch(Condition::Normal, 3);
@@ -93,18 +116,19 @@ fn no_gradient_without_light() -> Outcome {
 }
 
 fn main() {
-    let arguments = Arguments { test_threads: Some(1), ..Arguments::from_args() };
+    let arguments = Arguments { test_threads: Some(2), ..Arguments::from_args() };
     let adapter = Head::new(HeadConfig::COSINE, 0, &Backend::default().device().unwrap())
         .map_err(headtail_train::Error::from)
         .and_then(|head| DeviceGradient::new(&head));
     match &adapter {
-        Ok(device) => println!("adapter: {}", device.name()),
+        Ok(device) => println!("adapter: {}", device.device()),
         Err(reason) => eprintln!("skipped: {reason}"),
     }
     let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
     let mut trials = vec![
         Trial::test("same_bytes_in_every_run", same_bytes_in_every_run),
         Trial::test("no_gradient_without_light", no_gradient_without_light),
+        Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),
     ];
     for mode in [Mode::Coupled, Mode::Autoregressive] {
         for (name, loss, entropic, config) in [

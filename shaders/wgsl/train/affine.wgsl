@@ -89,14 +89,10 @@ fn affine(
         workgroupBarrier();
     }
     let row = 4u * first_row + 8u * local.y;
-    let left = first_column + local.x;
-    let right = left + 16u;
-    finish(row, left, a0); finish(row, right, b0);
-    finish(row + 1u, left, a1); finish(row + 1u, right, b1);
-    finish(row + 2u, left, a2); finish(row + 2u, right, b2);
-    finish(row + 3u, left, a3); finish(row + 3u, right, b3);
-    finish(row + 4u, left, a4); finish(row + 4u, right, b4);
-    finish(row + 5u, left, a5); finish(row + 5u, right, b5);
-    finish(row + 6u, left, a6); finish(row + 6u, right, b6);
-    finish(row + 7u, left, a7); finish(row + 7u, right, b7);
+    var left = array<vec4<f32>, 8>(a0, a1, a2, a3, a4, a5, a6, a7);
+    var right = array<vec4<f32>, 8>(b0, b1, b2, b3, b4, b5, b6, b7);
+    for (var k = 0u; k < 8u; k++) {
+        finish(row + k, first_column + local.x, left[k]);
+        finish(row + k, first_column + local.x + 16u, right[k]);
+    }
 }

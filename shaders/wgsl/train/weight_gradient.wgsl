@@ -111,18 +111,13 @@ fn weight_gradient(
     let slice = group.z * p.length;
     let output = first_output + 8u * local.y;
     let input = first_input + 4u * local.x;
-    store_row(slice, output, input, a0, b0);
-    store_row(slice, output + 1u, input, a1, b1);
-    store_row(slice, output + 2u, input, a2, b2);
-    store_row(slice, output + 3u, input, a3, b3);
-    store_row(slice, output + 4u, input, a4, b4);
-    store_row(slice, output + 5u, input, a5, b5);
-    store_row(slice, output + 6u, input, a6, b6);
-    store_row(slice, output + 7u, input, a7, b7);
+    var left = array<vec4<f32>, 8>(a0, a1, a2, a3, a4, a5, a6, a7);
+    var right = array<vec4<f32>, 8>(b0, b1, b2, b3, b4, b5, b6, b7);
+    for (var k = 0u; k < 8u; k++) { store_row(slice, output + k, input, left[k], right[k]); }
     if (first_input == 0u && local.x == 0u) {
-        for (var k = 0u; k < 4u; k++) {
-            if (output + k < p.outputs) { store(slice + p.bias + output + k, low[k]); }
-            if (output + 4u + k < p.outputs) { store(slice + p.bias + output + 4u + k, high[k]); }
+        var sums = array<f32, 8>(low.x, low.y, low.z, low.w, high.x, high.y, high.z, high.w);
+        for (var k = 0u; k < 8u; k++) {
+            if (output + k < p.outputs) { store(slice + p.bias + output + k, sums[k]); }
         }
     }
 }

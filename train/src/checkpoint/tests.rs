@@ -6,7 +6,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::{
-    Divergence, FitConfig,
+    Divergence, FitConfig, GradientForm,
     optimizer::OptimizerState,
     state::{BestValidation, Parameters, as_json},
 };
@@ -105,6 +105,20 @@ fn a_damaged_checkpoint_is_named_and_the_previous_one_is_used() {
         damaged(10);
         assert_eq!(resume(&folder, &config).0.unwrap(), None);
     }
+}
+
+#[test]
+fn a_run_moves_between_forms_of_the_gradient_and_says_so() {
+    let temporary = tempfile::tempdir().unwrap();
+    let here = folder(&temporary, true);
+    let config = FitConfig { gradient: GradientForm::Fused, ..FitConfig::default() };
+    save(&here, &config, &state(10));
+    let (found, warnings) = resume(&here, &FitConfig { gradient: GradientForm::Device, ..config });
+    assert_eq!(found.unwrap(), Some(state(10)));
+    assert!(
+        warnings.len() == 1 && warnings[0].contains(r#"gradient = "fused"; it goes on with "device""#),
+        "{warnings:?}"
+    );
 }
 
 #[test]

@@ -114,11 +114,6 @@ impl DeviceGradient {
         self
     }
 
-    /// Names the device, its driver and its interface.
-    pub fn name(&self) -> String {
-        self.gpu.to_string()
-    }
-
     /// Prepares buffers and pipelines, unless the last batch had the same shape.
     fn prepare(&mut self, shape: Shape, objective: Objective) -> Result<()> {
         if self.prepared.as_ref().is_some_and(|prepared| (prepared.shape, prepared.objective) == (shape, objective)) {
@@ -207,6 +202,10 @@ impl GradientSource for DeviceGradient {
         }
         found.iter_mut().for_each(|derivative| *derivative /= lit);
         Ok(Some(StepGradient { loss: losses.iter().sum::<f32>() / lit, d_weight: found }))
+    }
+
+    fn device(&self) -> String {
+        self.gpu.to_string()
     }
 }
 
