@@ -359,7 +359,7 @@ fn gradients_of_mixture_losses_agree_with_central_differences() {
         let mut reference = Reference::new(config, &head.weights());
         for kind in Loss::ALL {
             let objective = Objective { loss: kind, entropic: 0.05 };
-            let found = FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch).unwrap();
+            let found = FusedGradient::new(&head).gradient(&head.flat_weights(), objective, &batch).unwrap().unwrap();
             let mean = |reference: &Reference| {
                 let of_condition = |index: usize| {
                     let c = widen(&batch.conditions[3 * index..3 * index + 3]);

@@ -8,6 +8,7 @@
 //! | `square.wgsl` | directions and points of X, shared functions |
 //! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
 //! | `cells.wgsl` | the cells of a map |
+//! | `brdf.wgsl` | diffuse and microfacet surfaces |
 //! | `patches.wgsl`, `table.wgsl` | patches; tables |
 //! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
 //! | `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
@@ -23,6 +24,7 @@ use std::fmt::Write;
 use headtail_sampling::{
     Error, Result,
     flat::{FlatArray, FlatNumbers},
+    tail::Tail,
 };
 use naga::{
     ShaderStage,
@@ -75,6 +77,7 @@ pub struct Shader {
 }
 
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
+const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
 const CELLS: &str = include_str!("../wgsl/cells.wgsl");
 const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
 const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
@@ -97,32 +100,64 @@ impl Shader {
     /// # Errors
     /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
     pub fn new(arrays: &[FlatArray]) -> Result<Self> {
-        let (mut floats, mut integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
-        let mut source = String::from(
-            "@group(0) @binding(0) var<storage, read> headtail_floats: array<f32>;\n\
-             @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n",
-        );
-        let mut constant = |name: &str, value: usize| {
-            // Writing to a string cannot fail.
-            let _ = writeln!(source, "const HEADTAIL_{}: u32 = {value}u;", name.to_uppercase().replace('.', "_"));
-        };
-        for FlatArray { name, shape, numbers } in arrays {
-            let (buffer, start) = match numbers {
-                FlatNumbers::Floats(numbers) => ("headtail_floats", append(&mut floats, numbers)),
-                FlatNumbers::Integers(numbers) => ("headtail_integers", append(&mut integers, numbers)),
-            };
-            constant(name, start);
-            layout.insert((*name).into(), serde_json::json!({ "buffer": buffer, "start": start, "shape": shape }));
-        }
-        if floats.len().max(integers.len()) > u32::MAX as usize / 4 {
-            return Err(Error::argument("sampler", "holds more numbers than a device can address"));
-        }
+        let mut shader = Self::of_arrays(arrays)?;
+        let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
         let tail = tail_concepts(arrays, &mut constant)?;
         let concepts = density_concepts(arrays, &mut constant)?;
-        let parts = [&[SQUARE][..], &tail, &concepts].concat().join("\n");
-        let source = [&source, &parts, EXAMPLE].join("\n");
-        let layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
-        Ok(Self { source, floats, integers, layout })
+        shader.append(&[&[SQUARE][..], &tail, &concepts, &[EXAMPLE]].concat());
+        Ok(shader)
+    }
+
+    /// Builds a shader of training that draws targets through a tail; `sizes` are the constants of
+    /// `targets.wgsl`.
+    ///
+    /// # Errors
+    /// If the arrays are not those of a tail, or hold more numbers than a device can address.
+    pub fn of_targets(tail: &Tail, sizes: &[(&str, usize)], alpha: f32) -> Result<Self> {
+        let arrays = tail.flat();
+        let mut shader = Self::of_arrays(&arrays)?;
+        let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
+        let tail = tail_concepts(&arrays, &mut constant)?;
+        for (name, value) in sizes {
+            shader.define(name, *value);
+        }
+        // Writing to a string cannot fail.
+        let _ = writeln!(shader.source, "const ALPHA: f32 = {alpha:?};");
+        shader.append(&[&[SQUARE][..], &tail, &[BRDF, training::TARGETS]].concat());
+        Ok(shader)
+    }
+
+    /// Returns the bindings of the arrays and the constants of their places, without functions.
+    fn of_arrays(arrays: &[FlatArray]) -> Result<Self> {
+        let (floats, integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
+        let source = "@group(0) @binding(0) var<storage, read> headtail_floats: array<f32>;\n\
+                      @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n";
+        let mut shader = Self { source: source.into(), floats, integers, layout: String::new() };
+        for FlatArray { name, shape, numbers } in arrays {
+            let (buffer, start) = match numbers {
+                FlatNumbers::Floats(numbers) => ("headtail_floats", append(&mut shader.floats, numbers)),
+                FlatNumbers::Integers(numbers) => ("headtail_integers", append(&mut shader.integers, numbers)),
+            };
+            shader.define(&format!("HEADTAIL_{}", name.to_uppercase().replace('.', "_")), start);
+            layout.insert((*name).into(), serde_json::json!({ "buffer": buffer, "start": start, "shape": shape }));
+        }
+        if shader.floats.len().max(shader.integers.len()) > u32::MAX as usize / 4 {
+            return Err(Error::argument("sampler", "holds more numbers than a device can address"));
+        }
+        shader.layout = serde_json::to_string_pretty(&layout).unwrap_or_default();
+        Ok(shader)
+    }
+
+    fn define(&mut self, name: &str, value: usize) {
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.source, "const {name}: u32 = {value}u;");
+    }
+
+    fn append(&mut self, parts: &[&str]) {
+        for part in parts {
+            self.source.push('\n');
+            self.source.push_str(part);
+        }
     }
 
     /// Returns the shader in a language; text is UTF-8.

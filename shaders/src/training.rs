@@ -6,6 +6,15 @@
 
 use crate::RATIONAL_QUADRATIC;
 
+/// Draws targets; see [`crate::Shader::of_targets`].
+pub(crate) const TARGETS: &str = include_str!("../wgsl/train/targets.wgsl");
+
+/// The constants of the shader that draws targets: numbers of points, of points per condition, of strata per
+/// side and of BRDF samples; place and stride of the conditions in the arena; whether surfaces are microfacets,
+/// and whether their width is part of the condition.
+pub const TARGET_SIZES: [&str; 8] =
+    ["POINTS", "SAMPLES", "STRATA", "BRDF_SAMPLES", "CONDITIONS", "CONDITION_STRIDE", "IS_GLOSSY", "HAS_ALPHA"];
+
 /// A shader, named as its entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Kernel {
@@ -83,9 +92,33 @@ fn with_rows(rows: u32, source: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use headtail_sampling::{
+        environment::Environment,
+        tail::{Tail, TailKind},
+    };
     use naga::valid::{Capabilities, ValidationFlags, Validator};
 
     use super::*;
+    use crate::Shader;
+
+    fn assert_valid(name: &str, entry: &str, source: &str) {
+        let module = naga::front::wgsl::parse_str(source);
+        let module = module.unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
+        assert!(module.entry_points.iter().any(|found| found.name == entry), "{name}");
+        let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
+        let found = validator.validate(&module);
+        found.unwrap_or_else(|error| panic!("{name}: {}", error.emit_to_string(source)));
+    }
+
+    #[test]
+    fn the_shader_of_targets_is_valid() {
+        let map = Environment::open("studio").unwrap();
+        for kind in [TailKind::Hierarchical, TailKind::RowColumn] {
+            let tail = Tail::of_environment(kind, &map).unwrap();
+            let sizes = TARGET_SIZES.map(|name| (name, 4));
+            assert_valid(kind.name(), "place_targets", &Shader::of_targets(&tail, &sizes, 0.25).unwrap().source);
+        }
+    }
 
     #[test]
     fn shaders_are_valid_and_need_no_optional_capability() {
@@ -105,13 +138,7 @@ mod tests {
             Kernel::FeatureGradient,
         ];
         for kernel in layers.chain(others) {
-            let source = kernel.source();
-            let module = naga::front::wgsl::parse_str(&source);
-            let module = module.unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)));
-            assert!(module.entry_points.iter().any(|entry| entry.name == kernel.entry()), "{kernel:?}");
-            let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
-            let found = validator.validate(&module);
-            found.unwrap_or_else(|error| panic!("{kernel:?}: {}", error.emit_to_string(&source)));
+            assert_valid(&format!("{kernel:?}"), kernel.entry(), &kernel.source());
         }
     }
 }

@@ -7,7 +7,7 @@ use headtail_render::random::Purpose;
 use serde::Serialize;
 
 use crate::{
-    Backend, FitConfig, GradientForm, Result, Target,
+    Backend, FitConfig, GradientForm, GradientSource, Result, Target,
     integrand::{Batch, BatchShape},
     peak_memory,
     reference::gradient_error,
@@ -87,6 +87,10 @@ impl BackendTrial {
             losses.push(state.loss.unwrap_or(f32::NAN));
             watch(step + 1);
         }
+        let mut with_targets = stepping + drawing;
+        if source.draws(target) {
+            with_targets = self.seconds_with_targets(&config, target, &mut *source, &mut state)?;
+        }
         let peak_memory_bytes = peak_memory::bytes();
         let apart = |(a, b): (&f32, &f32)| (a - b).abs();
         let largest_loss_difference = losses.iter().zip(others).map(apart).fold(0.0, f32::max);
@@ -96,13 +100,33 @@ impl BackendTrial {
             mode: config.head.mode,
             gradient: config.gradient.on(backend),
             samples_per_second: timed as f64 / stepping,
-            samples_per_second_with_targets: timed as f64 / (stepping + drawing),
+            samples_per_second_with_targets: timed as f64 / with_targets,
             peak_memory_bytes,
-            final_loss: state.loss.unwrap_or(f32::NAN),
+            final_loss: losses.last().copied().unwrap_or(f32::NAN),
             losses,
             largest_loss_difference,
             gradient_error: self.parity(&config, target)?,
         })
+    }
+
+    /// Returns the seconds of as many more timed steps, whose targets `source` draws.
+    fn seconds_with_targets(
+        &self,
+        config: &FitConfig,
+        target: &dyn Target,
+        source: &mut dyn GradientSource,
+        state: &mut TrainingState,
+    ) -> Result<f64> {
+        let mut seconds = 0.0;
+        for step in 0..self.steps {
+            let start = Instant::now();
+            let gradient = source.gradient_of_step(&state.parameters.weights, config, target, step as u64)?;
+            state.apply(config, gradient)?;
+            if step > 0 || self.steps == 1 {
+                seconds += start.elapsed().as_secs_f64();
+            }
+        }
+        Ok(seconds)
     }
 
     /// Returns [`TrialRow::gradient_error`] on a small batch.

@@ -4,11 +4,10 @@ use std::{cmp, sync::atomic::AtomicBool};
 
 use burn::prelude::Device;
 use headtail_model::Head;
-use headtail_render::random::Purpose;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Batch, Divergence, Error, FitConfig, GradientSource, Progress, Result, Run, StepGradient, Target, TrainingState,
+    Divergence, Error, FitConfig, GradientSource, Progress, Result, Run, StepGradient, Target, TrainingState,
     config::name_of,
     trainer::{Trainable, Trainer},
     validation::Validation,
@@ -128,9 +127,7 @@ impl HeadTraining<'_> {
 
 impl Trainable for HeadTraining<'_> {
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
-        let shape = self.config.batch_shape();
-        let batch = Batch::draw(self.target, shape, self.config.seed, Purpose::Batch, step as u64)?;
-        self.source.gradient(weights, self.config.objective(), &batch)
+        self.source.gradient_of_step(weights, self.config, self.target, step as u64)
     }
 
     fn divergence(&mut self, state: &TrainingState) -> Option<Divergence> {

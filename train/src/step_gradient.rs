@@ -1,6 +1,8 @@
 //! A step's gradient: the interface between the training loop and its implementations.
 
-use crate::{Objective, Result, integrand::Batch};
+use headtail_render::random::Purpose;
+
+use crate::{FitConfig, Objective, Result, Target, integrand::Batch};
 
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +33,28 @@ pub trait GradientSource: Send {
     /// # Errors
     /// If a graphics device fails or has too little memory.
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>>;
+
+    /// Returns the gradient of a step of a run, whose batch is a function of the configuration, the target and the
+    /// step; implementations that draw it themselves draw the same one, to rounding. All calls are for one target.
+    ///
+    /// # Errors
+    /// As [`gradient`](Self::gradient), and [`Error::BadTarget`](crate::Error::BadTarget).
+    fn gradient_of_step(
+        &mut self,
+        weights: &[f32],
+        config: &FitConfig,
+        target: &dyn Target,
+        step: u64,
+    ) -> Result<Option<StepGradient>> {
+        let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)?;
+        self.gradient(weights, config.objective(), &batch)
+    }
+
+    /// Returns whether [`gradient_of_step`](Self::gradient_of_step) draws this target faster than
+    /// [`Batch::draw`].
+    fn draws(&self, _target: &dyn Target) -> bool {
+        false
+    }
 
     /// Names what computes.
     fn device(&self) -> String {

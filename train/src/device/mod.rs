@@ -10,24 +10,32 @@
 //! | --- | --- |
 //! | `dispatch.rs` | matrices in the arena; dispatches of the shaders |
 //! | `plan.rs` | the memory and the dispatches of a head's step |
+//! | `targets.rs` | drawing targets |
 //! | `mod.rs` | buffers, pipelines, and a step |
 
 mod dispatch;
 mod plan;
+mod targets;
 
 use std::collections::HashMap;
 
 use headtail_model::Head;
+use headtail_render::random::Purpose;
 use headtail_shaders::{
     gpu::{Gpu, GpuError},
     training::Kernel,
 };
 use wgpu::{BufferBindingType, BufferUsages, ShaderStages};
 
-use crate::{Error, GradientSource, Objective, Result, StepGradient, fused::Layout, integrand::Batch};
+use crate::{
+    Error, FitConfig, GradientSource, Objective, Result, StepGradient, Target,
+    fused::Layout,
+    integrand::{Batch, UniformBatch},
+};
 
 use dispatch::Dispatch;
 use plan::{Plan, Shape};
+use targets::Targets;
 
 /// Distance of the parameters of dispatches in their buffer, in bytes: the largest alignment that adapters
 /// require.
@@ -46,6 +54,14 @@ pub struct DeviceGradient {
     weights: wgpu::Buffer,
     points: usize,
     prepared: Option<Prepared>,
+    next: Option<Next>,
+}
+
+/// The numbers of a step to come.
+struct Next {
+    seed: u64,
+    step: u64,
+    batch: UniformBatch,
 }
 
 /// What a shape of batches and an objective need.
@@ -56,6 +72,8 @@ struct Prepared {
     batch: wgpu::Buffer,
     arena: wgpu::Buffer,
     group: wgpu::BindGroup,
+    /// What draws the targets, if the device does.
+    targets: Option<Targets>,
 }
 
 impl From<GpuError> for Error {
@@ -102,6 +120,7 @@ impl DeviceGradient {
             weights,
             points: POINTS,
             prepared: None,
+            next: None,
         })
     }
 
@@ -112,6 +131,34 @@ impl DeviceGradient {
         self.points = points;
         self.prepared = None;
         self
+    }
+
+    /// Returns the batch of a step as the device draws it; `None` for a target that shaders do not know.
+    ///
+    /// # Errors
+    /// If the device fails or has too little memory.
+    pub fn batch(&mut self, config: &FitConfig, target: &dyn Target, step: u64) -> Result<Option<Batch>> {
+        if target.shader_target().is_none() {
+            return Ok(None);
+        }
+        let uniform = uniform_batch(config, target, step);
+        self.draw_targets(config, target, &uniform)?;
+        let Some(Prepared { shape, batch, .. }) = &self.prepared else { return Ok(None) };
+        let (samples, points) = (shape.samples, shape.conditions * shape.samples);
+        let numbers: Vec<f32> = self.gpu.read(batch, 0, 6 * points)?;
+        let list = |first: usize, length: usize| numbers[first * points..][..length * points].to_vec();
+        let UniformBatch { condition_length, conditions, mixture_weight_logits, .. } = uniform;
+        Ok(Some(Batch {
+            condition_length,
+            samples,
+            conditions,
+            points: list(0, 2),
+            densities: list(2, 1),
+            weights: list(3, 1),
+            brdf: list(4, 1),
+            tails: list(5, 1),
+            mixture_weight_logits,
+        }))
     }
 
     /// Prepares buffers and pipelines, unless the last batch had the same shape.
@@ -137,7 +184,7 @@ impl DeviceGradient {
         let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.bindings, entries: &entries };
         let group = gpu.device.create_bind_group(&descriptor);
         gpu.check()?;
-        self.prepared = Some(Prepared { shape, objective, plan, batch, arena, group });
+        self.prepared = Some(Prepared { shape, objective, plan, batch, arena, group, targets: None });
         Ok(())
     }
 
@@ -154,6 +201,46 @@ impl DeviceGradient {
         let buffer = self.gpu.device.create_buffer(&descriptor);
         self.gpu.queue.write_buffer(&buffer, 0, &bytes);
         buffer
+    }
+
+    fn upload_conditions(&self, prepared: &Prepared, conditions: &[f32], length: usize) {
+        let rows = prepared.plan.condition_rows(conditions, length);
+        self.gpu.queue.write_buffer(&prepared.arena, 4 * prepared.plan.seen as u64, bytemuck::cast_slice(&rows));
+    }
+
+    /// Draws the targets of a batch on the device, which must know the target.
+    fn draw_targets(&mut self, config: &FitConfig, target: &dyn Target, batch: &UniformBatch) -> Result<()> {
+        let shape = config.batch_shape();
+        let sizes = Shape { conditions: shape.conditions, samples: shape.samples() };
+        self.prepare(sizes, config.objective())?;
+        let (Some(prepared), Some(known)) = (&mut self.prepared, target.shader_target()) else { return Ok(()) };
+        if prepared.targets.is_none() {
+            let buffers = [&prepared.batch, &prepared.arena];
+            prepared.targets = Some(Targets::new(&self.gpu, known, shape, &prepared.plan, buffers)?);
+        }
+        let Some(prepared) = &self.prepared else { return Ok(()) };
+        let logits = 4 * (sizes.batch_length() - sizes.conditions) as u64;
+        self.gpu.queue.write_buffer(&prepared.batch, 0, bytemuck::cast_slice(&batch.points));
+        self.gpu.queue.write_buffer(&prepared.batch, logits, bytemuck::cast_slice(&batch.mixture_weight_logits));
+        self.upload_conditions(prepared, &batch.conditions, batch.condition_length);
+        if let Some(targets) = &prepared.targets {
+            targets.run(&self.gpu);
+        }
+        Ok(())
+    }
+
+    /// Waits for the device and returns loss and gradient, means over the lit conditions.
+    fn results(&self, Prepared { shape, plan, arena, .. }: &Prepared) -> Result<Option<StepGradient>> {
+        let count = self.layout.length + 2 * shape.conditions;
+        let mut found: Vec<f32> = self.gpu.read(arena, plan.results as u64, count)?;
+        let of_conditions = found.split_off(self.layout.length);
+        let (losses, lit) = of_conditions.split_at(shape.conditions);
+        let lit: f32 = lit.iter().sum();
+        if lit == 0.0 {
+            return Ok(None);
+        }
+        found.iter_mut().for_each(|derivative| *derivative /= lit);
+        Ok(Some(StepGradient { loss: losses.iter().sum::<f32>() / lit, d_weight: found }))
     }
 
     /// Runs all dispatches; each piece of the batch is submitted alone, so that none runs for long.
@@ -181,32 +268,56 @@ impl GradientSource for DeviceGradient {
         let shape = Shape { conditions: batch.condition_count(), samples: batch.samples };
         self.prepare(shape, objective)?;
         let Some(prepared) = &self.prepared else { return Ok(None) };
-        let (queue, plan) = (&self.gpu.queue, &prepared.plan);
-        queue.write_buffer(&self.weights, 0, bytemuck::cast_slice(weights));
-        let mut start = 0;
         let lists =
             [&batch.points, &batch.densities, &batch.weights, &batch.brdf, &batch.tails, &batch.mixture_weight_logits];
+        let mut start = 0;
         for numbers in lists {
-            queue.write_buffer(&prepared.batch, start, bytemuck::cast_slice(numbers));
-            start += 4 * numbers.len() as u64;
+            self.gpu.queue.write_buffer(&prepared.batch, 4 * start as u64, bytemuck::cast_slice(numbers));
+            start += numbers.len();
         }
-        queue.write_buffer(&prepared.arena, 4 * plan.seen as u64, bytemuck::cast_slice(&plan.condition_rows(batch)));
+        self.gpu.queue.write_buffer(&self.weights, 0, bytemuck::cast_slice(weights));
+        self.upload_conditions(prepared, &batch.conditions, batch.condition_length);
         self.run(prepared);
-        let count = weights.len() + 2 * shape.conditions;
-        let mut found: Vec<f32> = self.gpu.read(&prepared.arena, plan.results as u64, count)?;
-        let of_conditions = found.split_off(weights.len());
-        let (losses, lit) = of_conditions.split_at(shape.conditions);
-        let lit: f32 = lit.iter().sum();
-        if lit == 0.0 {
-            return Ok(None);
+        self.results(prepared)
+    }
+
+    fn gradient_of_step(
+        &mut self,
+        weights: &[f32],
+        config: &FitConfig,
+        target: &dyn Target,
+        step: u64,
+    ) -> Result<Option<StepGradient>> {
+        if !self.draws(target) {
+            let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)?;
+            return self.gradient(weights, config.objective(), &batch);
         }
-        found.iter_mut().for_each(|derivative| *derivative /= lit);
-        Ok(Some(StepGradient { loss: losses.iter().sum::<f32>() / lit, d_weight: found }))
+        let batch = match self.next.take() {
+            Some(next) if (next.step, next.seed) == (step, config.seed) => next.batch,
+            _ => uniform_batch(config, target, step),
+        };
+        self.draw_targets(config, target, &batch)?;
+        let Some(prepared) = &self.prepared else { return Ok(None) };
+        self.gpu.queue.write_buffer(&self.weights, 0, bytemuck::cast_slice(weights));
+        self.run(prepared);
+        // While the device works, the host draws the numbers of the next step.
+        let next = Next { seed: config.seed, step: step + 1, batch: uniform_batch(config, target, step + 1) };
+        let found = self.results(prepared);
+        self.next = Some(next);
+        found
+    }
+
+    fn draws(&self, target: &dyn Target) -> bool {
+        target.shader_target().is_some()
     }
 
     fn device(&self) -> String {
         self.gpu.to_string()
     }
+}
+
+fn uniform_batch(config: &FitConfig, target: &dyn Target, step: u64) -> UniformBatch {
+    UniformBatch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)
 }
 
 /// Returns the bindings that all shaders of training share.

@@ -6,7 +6,7 @@ use headtail_shaders::{gpu::GpuError, training::Kernel};
 use super::dispatch::{
     Allocator, Columns, Dispatch, Form, Matrix, Packed, Slices, Splines, TILE, backward, forward, weight_gradient,
 };
-use crate::{Loss, Objective, fused::Layout, integrand::Batch};
+use crate::{Loss, Objective, fused::Layout};
 
 /// The largest number of slices of the gradient.
 const SLICES: usize = 256;
@@ -42,7 +42,8 @@ pub struct Plan {
     pub seen: usize,
     /// Place of the gradient, followed by each condition's loss and whether it is lit.
     pub results: usize,
-    stride: usize,
+    /// Distance from one row of conditions to the next.
+    pub stride: usize,
 }
 
 impl Plan {
@@ -79,10 +80,10 @@ impl Plan {
         self.pieces.iter().flatten()
     }
 
-    /// Returns the conditions of a batch as the matrix at [`Self::seen`].
-    pub fn condition_rows(&self, batch: &Batch) -> Vec<f32> {
-        let mut rows = vec![0.0; batch.condition_length * self.stride];
-        for (column, condition) in batch.conditions.chunks_exact(batch.condition_length).enumerate() {
+    /// Returns conditions of `length` numbers as the matrix at [`Self::seen`].
+    pub fn condition_rows(&self, conditions: &[f32], length: usize) -> Vec<f32> {
+        let mut rows = vec![0.0; length * self.stride];
+        for (column, condition) in conditions.chunks_exact(length).enumerate() {
             for (row, &value) in condition.iter().enumerate() {
                 rows[row * self.stride + column] = value;
             }

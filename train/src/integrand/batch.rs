@@ -24,6 +24,37 @@ impl BatchShape {
     }
 }
 
+/// The conditions of a batch, and uniform numbers in place of its points.
+pub struct UniformBatch {
+    /// Length of one condition.
+    pub condition_length: usize,
+    /// `[conditions, condition_length]`.
+    pub conditions: Vec<f32>,
+    /// `[conditions, samples, 2]`: uniform in `[0, 1)`.
+    pub points: Vec<f32>,
+    /// See [`Batch::mixture_weight_logits`].
+    pub mixture_weight_logits: Vec<f32>,
+}
+
+impl UniformBatch {
+    /// Draws the numbers of a batch, see [`Batch::draw`].
+    pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Self {
+        let condition_length = target.condition().length();
+        let samples = shape.samples();
+        let mut stream = Stream::new(seed, purpose, index);
+        let mut conditions = vec![0.0; shape.conditions * condition_length];
+        let mut points = vec![0.0; shape.conditions * samples * 2];
+        let rows = points.chunks_exact_mut(2 * samples);
+        for (condition, uniforms) in conditions.chunks_exact_mut(condition_length).zip(rows) {
+            target.draw_condition(&mut stream, condition);
+            uniforms.fill_with(|| stream.uniform());
+        }
+        let each = conditions.par_chunks_exact(condition_length);
+        let mixture_weight_logits = each.map(|condition| target.mixture_weight_logit(condition)).collect();
+        Self { condition_length, conditions, points, mixture_weight_logits }
+    }
+}
+
 /// Conditions, points and the target's values there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
@@ -69,28 +100,21 @@ impl Batch {
     /// # Errors
     /// [`Error::BadTarget`] if the target returns a density that is negative or not finite.
     pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Result<Self> {
-        let condition_length = target.condition().length();
+        let UniformBatch { condition_length, conditions, points, mixture_weight_logits } =
+            UniformBatch::draw(target, shape, seed, purpose, index);
         let samples = shape.samples();
         let count = shape.conditions * samples;
-        let mut stream = Stream::new(seed, purpose, index);
         let mut batch = Self {
             condition_length,
             samples,
-            conditions: vec![0.0; shape.conditions * condition_length],
-            points: vec![0.0; count * 2],
+            conditions,
+            points,
             densities: vec![0.0; count],
             weights: vec![1.0; count],
             brdf: vec![0.0; count],
             tails: vec![1.0; count],
-            mixture_weight_logits: Vec::new(),
+            mixture_weight_logits,
         };
-        let rows = batch.points.chunks_exact_mut(2 * samples);
-        for (condition, uniforms) in batch.conditions.chunks_exact_mut(condition_length).zip(rows) {
-            target.draw_condition(&mut stream, condition);
-            uniforms.fill_with(|| stream.uniform());
-        }
-        let conditions = batch.conditions.par_chunks_exact(condition_length);
-        batch.mixture_weight_logits = conditions.map(|condition| target.mixture_weight_logit(condition)).collect();
         batch
             .conditions
             .par_chunks_exact(condition_length)

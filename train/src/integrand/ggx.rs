@@ -10,7 +10,7 @@ use headtail_render::{
 };
 
 use super::{
-    RenderedSurface, Surface, Viewpoints,
+    RenderedSurface, ShaderSurface, Surface, Viewpoints,
     surface::{drawn, one_strip},
 };
 
@@ -65,6 +65,11 @@ impl Surface for Ggx {
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let ([wo, n], ggx) = self.decode(condition);
         wi.iter().map(|&wi| ggx.pdf(n, wo, wi.into())).collect()
+    }
+
+    fn in_shaders(&self) -> Option<ShaderSurface> {
+        let fixed = self.low == self.high;
+        Some(if fixed { ShaderSurface::Ggx { alpha: self.low } } else { ShaderSurface::GgxOfCondition })
     }
 }
 

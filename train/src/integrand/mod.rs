@@ -14,6 +14,7 @@
 //! | `patched.rs` | a surface seen through patches and a tail |
 //! | `tabulated.rs`, `naive.rs` | the paper's table in X; the product without a tail |
 //! | `batch.rs` | strata and BRDF samples with weights |
+//! | `shader.rs` | targets that shaders can draw |
 
 mod batch;
 mod ggx;
@@ -21,18 +22,20 @@ mod measured;
 mod naive;
 mod patched;
 mod product;
+mod shader;
 mod surface;
 mod tabulated;
 mod tail_map;
 mod textured;
 mod viewpoints;
 
-pub use batch::{Batch, BatchShape, ConditionPoints};
+pub use batch::{Batch, BatchShape, ConditionPoints, UniformBatch};
 pub use ggx::Ggx;
 pub use measured::MeasuredSurface;
 pub use naive::NaiveTarget;
 pub use patched::PatchedTarget;
 pub use product::{CosineTarget, ProductTarget};
+pub use shader::{ShaderSurface, ShaderTarget};
 pub use surface::{Lambert, RenderedSurface, Surface};
 pub use tabulated::TabulatedTarget;
 pub use tail_map::{TailMap, TailPoint};
@@ -75,6 +78,12 @@ pub trait Target: Sync {
     /// Returns the offset of the logit of a learned mixture weight.
     fn mixture_weight_logit(&self, _condition: &[f32]) -> f32 {
         0.0
+    }
+
+    /// Describes the target to shaders that draw it as [`place`](Self::place) does by default; `None` for one that
+    /// they do not know.
+    fn shader_target(&self) -> Option<ShaderTarget<'_>> {
+        None
     }
 
     /// Turns uniform numbers into points with values, in place. By default the first `strata^2` are one in

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::random::Stream;
 
-use super::{Lambert, PointValues, Surface, TailMap, TailPoint, Target};
+use super::{Lambert, PointValues, ShaderTarget, Surface, TailMap, TailPoint, Target};
 
 /// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is
 /// NaN.
@@ -62,6 +62,10 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
 
     fn has_brdf_sampling(&self) -> bool {
         self.tail.is_invertible()
+    }
+
+    fn shader_target(&self) -> Option<ShaderTarget<'_>> {
+        Some(ShaderTarget { tail: self.tail.exact()?, surface: self.surface.in_shaders()? })
     }
 
     fn brdf_samples(&self, condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {

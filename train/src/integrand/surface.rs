@@ -10,7 +10,7 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-use super::Viewpoints;
+use super::{ShaderSurface, Viewpoints};
 
 /// A material and the distribution of conditions under which it is seen.
 pub trait Surface: Sync {
@@ -28,6 +28,11 @@ pub trait Surface: Sync {
 
     /// Returns the solid-angle pdfs of [`samples`](Self::samples).
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32>;
+
+    /// Describes the surface to shaders; `None` for one that they do not know.
+    fn in_shaders(&self) -> Option<ShaderSurface> {
+        None
+    }
 }
 
 /// A surface that the renderer also supports.
@@ -96,6 +101,10 @@ impl Surface for Lambert {
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let n = normal(condition).into();
         wi.iter().map(|&wi| DIFFUSE.pdf(n, n, wi.into())).collect()
+    }
+
+    fn in_shaders(&self) -> Option<ShaderSurface> {
+        Some(ShaderSurface::Lambert)
     }
 }
 

@@ -34,6 +34,11 @@ pub trait TailMap: Sync {
         vec![None; directions.len()]
     }
 
+    /// Returns the tail if it is an exact one.
+    fn exact(&self) -> Option<&Tail> {
+        None
+    }
+
     /// Returns whether [`inverse`](Self::inverse) and [`TailPoint::pdf`] are meaningful.
     fn is_invertible(&self) -> bool {
         false
@@ -57,6 +62,13 @@ impl TailMap for Tail {
         let x: Vec<Vec2> = directions.iter().map(|&direction| latlong::square(direction)).collect();
         let inside = |y: Vec2| y.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)).to_array();
         self.inverse_points(&x).into_iter().map(|(y, density)| (density > 0.0).then(|| inside(y))).collect()
+    }
+
+    fn exact(&self) -> Option<&Tail> {
+        match self {
+            Self::Hierarchical(_) | Self::RowColumn(_) => Some(self),
+            Self::Flow(_) => None,
+        }
     }
 
     fn is_invertible(&self) -> bool {
