@@ -1,11 +1,8 @@
 //! Graphics devices through `wgpu`: opening one, compute pipelines, buffers, reading back.
 
-use std::{
-    borrow::Cow,
-    fmt,
-    sync::{Arc, Mutex, PoisonError},
-};
+use std::{borrow::Cow, fmt, sync::Arc};
 
+use parking_lot::Mutex;
 use wgpu::{BufferUsages, DeviceType};
 
 /// Why work on a device failed.
@@ -83,7 +80,7 @@ impl Gpu {
     /// # Errors
     /// [`GpuError::Failed`] with the first reason.
     pub fn check(&self) -> Result<(), GpuError> {
-        match &*self.failure.lock().unwrap_or_else(PoisonError::into_inner) {
+        match &*self.failure.lock() {
             Some(reason) => Err(GpuError::Failed(reason.clone())),
             None => Ok(()),
         }
@@ -153,5 +150,5 @@ impl fmt::Display for Gpu {
 
 /// Keeps the first of several reasons: what follows is often its consequence.
 fn note(failure: &Mutex<Option<String>>, reason: String) {
-    failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(reason);
+    failure.lock().get_or_insert(reason);
 }
