@@ -28,12 +28,9 @@ use headtail_shaders::{Shader, gpu::Gpu};
 
 use draw::{Answer, Program, Query, queries};
 
-const COUNT: usize = 1 << 20;
-/// Returns the number of points for heads, which are slow on software adapters: all if
-/// `HEADTAIL_DEVICE_POINTS` is `all`.
-fn points_of_heads() -> usize {
-    if std::env::var_os("HEADTAIL_DEVICE_POINTS").is_some_and(|points| points == "all") { COUNT } else { COUNT / 16 }
-}
+/// Number of points of samplers in closed form, and of heads, which are slow on software adapters.
+const COUNT: usize = 1 << 18;
+const OF_HEADS: usize = 1 << 16;
 /// Largest difference of results, relative to the pdf.
 const TOLERANCE: f32 = 1e-4;
 /// Largest fraction of points beyond the tolerance.
@@ -217,7 +214,7 @@ fn shaders_of_heads_match_the_native_heads() {
     let of_head =
         |head: Head| ExportedSampler::new(Intermediate::Head(head), TailKind::Hierarchical, &studio, None).unwrap();
     let (coupled, autoregressive) = (Mode::Coupled, Mode::Autoregressive);
-    let count = points_of_heads();
+    let count = OF_HEADS;
     for (name, exported, count, glossy) in [
         ("head of a checkpoint", trained, count, false),
         (
@@ -279,6 +276,6 @@ fn shaders_over_other_tails_match_the_native_samplers() {
         let exported = ExportedSampler::of_tail(head, tail, &map, None);
         let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
         let native = exported.sampler(&map, false).unwrap();
-        compare(name, &shader, &*native, points_of_heads() / 2, false);
+        compare(name, &shader, &*native, OF_HEADS / 2, false);
     }
 }

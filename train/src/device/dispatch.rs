@@ -11,6 +11,29 @@ pub struct Dispatch {
     pub kernel: Kernel,
     pub parameters: Vec<u32>,
     pub groups: [u32; 3],
+    pub cost: Cost,
+}
+
+/// The least cost of a dispatch; 0 for small ones.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cost {
+    /// Floating-point operations of matrix products.
+    pub operations: f64,
+    /// Bytes that are read and written.
+    pub bytes: f64,
+}
+
+impl Cost {
+    /// A product of matrices of `rows` x `inner` and `inner` x `columns` numbers.
+    fn of_product(rows: usize, inner: usize, columns: usize) -> Self {
+        let [rows, inner, columns] = [rows, inner, columns].map(|size| size as f64);
+        Self { operations: 2.0 * rows * inner * columns, bytes: 4.0 * (rows + inner) * columns }
+    }
+
+    /// Reading or writing rows of numbers.
+    fn of_rows(rows: usize, columns: usize) -> Self {
+        Self { operations: 0.0, bytes: 4.0 * rows as f64 * columns as f64 }
+    }
 }
 
 /// Columns of a workgroup of `affine`: matrices have a multiple of them.
@@ -140,7 +163,8 @@ fn affine(
     ]);
     parameters.push(slope.to_bits());
     let groups = [columns.div_ceil(TILE) as u32, groups as u32, 1];
-    Dispatch { kernel: Kernel::Affine { rows: along as u32 }, parameters, groups }
+    let cost = Cost::of_product(output.rows.min(rows), input.rows.min(factor.rows), columns);
+    Dispatch { kernel: Kernel::Affine { rows: along as u32 }, parameters, groups, cost }
 }
 
 /// Where slices of the gradient are.
@@ -189,7 +213,8 @@ pub fn weight_gradient(
         is_added.into(),
     ]);
     let groups = [inputs.div_ceil(64) as u32, groups as u32, columns.div_ceil(slice) as u32];
-    Dispatch { kernel: Kernel::WeightGradient { rows: along as u32 }, parameters, groups }
+    let cost = Cost::of_product(layer.outputs, inputs, columns);
+    Dispatch { kernel: Kernel::WeightGradient { rows: along as u32 }, parameters, groups, cost }
 }
 
 /// The parameters of `columns.wgsl`.
@@ -230,12 +255,19 @@ impl Columns {
             self.point,
         ]);
         parameters.push(self.slope.to_bits());
-        Dispatch { kernel, parameters, groups: [x as u32, y as u32, 1] }
+        Dispatch { kernel, parameters, groups: [x as u32, y as u32, 1], cost: Cost::default() }
     }
 
     /// Runs a kernel with one thread per column, and one row of workgroups per row.
     pub fn over(self, kernel: Kernel, columns: usize, rows: usize) -> Dispatch {
-        self.run(kernel, [threads(columns.next_multiple_of(TILE)), rows])
+        let dispatch = self.run(kernel, [threads(columns.next_multiple_of(TILE)), rows]);
+        Dispatch { cost: Cost::of_rows(rows.max(self.rows), columns), ..dispatch }
+    }
+
+    /// Runs `ConditionSums` over `rows` rows of some conditions.
+    pub fn sums(self, conditions: usize) -> Dispatch {
+        let dispatch = self.run(Kernel::ConditionSums, [conditions, self.rows]);
+        Dispatch { cost: Cost::of_rows(self.rows, conditions * self.samples), ..dispatch }
     }
 
     /// Runs a kernel with one thread for each of `count` numbers.
@@ -276,6 +308,8 @@ impl Splines {
             self.d_log_slope,
             d_value,
         ]);
-        Dispatch { kernel, parameters, groups: [threads(self.count.next_multiple_of(TILE)) as u32, 1, 1] }
+        let passes = if kernel == Kernel::SplineBackward { 2 } else { 1 };
+        let groups = [threads(self.count.next_multiple_of(TILE)) as u32, 1, 1];
+        Dispatch { kernel, parameters, groups, cost: Cost::of_rows(passes * self.logits.rows, self.count) }
     }
 }

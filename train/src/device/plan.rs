@@ -4,7 +4,7 @@ use headtail_model::Mode;
 use headtail_shaders::{gpu::GpuError, training::Kernel};
 
 use super::dispatch::{
-    Allocator, Columns, Dispatch, Form, Matrix, Packed, Slices, Splines, TILE, backward, forward, weight_gradient,
+    Allocator, Columns, Cost, Dispatch, Form, Matrix, Packed, Slices, Splines, TILE, backward, forward, weight_gradient,
 };
 use crate::{Loss, Objective, fused::Layout};
 
@@ -291,11 +291,11 @@ impl<'a> Step<'a> {
         }
         let mut form = Form::Plain;
         if let Some(network) = &self.elevation_of_condition {
-            self.backward_of_conditions(network, self.seen, network.d_output, &mut list);
+            self.backward_of_conditions(network, network.d_output, &mut list);
             self.first_layer_backward(&network.layers[0], network.hidden[0], &mut form, &mut list);
         }
         if let Some(network) = &self.mixture_weight {
-            self.backward_of_conditions(network, self.seen, network.d_output, &mut list);
+            self.backward_of_conditions(network, network.d_output, &mut list);
             self.first_layer_backward(&network.layers[0], network.hidden[0], &mut form, &mut list);
         }
         for Network { layers, d_condition, .. } in [&self.elevation, &self.azimuth] {
@@ -314,7 +314,7 @@ impl<'a> Step<'a> {
                 ..Columns::default()
             };
             list.push(through.each(Kernel::ThroughActivation, count));
-            self.backward_of_conditions(encoder, self.seen, encoder.d_output, &mut list);
+            self.backward_of_conditions(encoder, encoder.d_output, &mut list);
             let condition = Matrix { rows: self.layout.config.condition.length(), ..self.seen };
             list.push(self.gradient_of_conditions(&encoder.layers[0], encoder.hidden[0], condition));
         }
@@ -340,13 +340,7 @@ impl<'a> Step<'a> {
     }
 
     /// From the output of a network of conditions to its first hidden layer.
-    fn backward_of_conditions(
-        &self,
-        network: &OfConditions,
-        _input: Matrix,
-        d_output: Matrix,
-        list: &mut Vec<Dispatch>,
-    ) {
+    fn backward_of_conditions(&self, network: &OfConditions, d_output: Matrix, list: &mut Vec<Dispatch>) {
         let mut derivative = d_output;
         for (layer, hidden) in network.layers[1..].iter().zip(&network.hidden).rev() {
             list.push(self.gradient_of_conditions(layer, derivative, *hidden));
@@ -473,7 +467,7 @@ impl Piece<'_> {
         ];
         let mut parameters: Vec<u32> = numbers.iter().map(|&number| number as u32).collect();
         parameters.push(step.objective.entropic.to_bits());
-        Dispatch { kernel: Kernel::Loss, parameters, groups: [self.count as u32, 1, 1] }
+        Dispatch { kernel: Kernel::Loss, parameters, groups: [self.count as u32, 1, 1], cost: Cost::default() }
     }
 
     fn backward(&self, list: &mut Vec<Dispatch>) {
@@ -519,6 +513,6 @@ impl Piece<'_> {
             first: self.first,
             ..Columns::default()
         };
-        list.push(sums.run(Kernel::ConditionSums, [self.count, derivative.rows]));
+        list.push(sums.sums(self.count));
     }
 }

@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Training on a graphics device, in at most eight minutes: bash benches/gpu/train.sh PROGRAM BENCH OUT
+# PROGRAM is `headtail`, BENCH the benchmark `device`, both built before:
+#   cargo build --release --workspace --features gpu --bin headtail --bench device
+# A third argument of sizes for a software adapter: CONDITIONS=8 STEPS=2 bash benches/gpu/train.sh ...
+set -uo pipefail
+program="$1" bench="$2" out="$3"
+conditions="${CONDITIONS:-256}" steps="${STEPS:-50}"
+mkdir -p "$out"
+# Its absence makes the driver print a warning for every device.
+export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-$out}"
+
+# part NAME SECONDS COMMAND...: one part in a process of its own, with its whole log; a failure ends only this part.
+part() {
+    local name="$1" seconds="$2" start="$SECONDS" status=0
+    shift 2
+    timeout "$seconds" "$@" >"$out/$name.txt" 2>&1 || status=$?
+    echo "$name: status $status, $((SECONDS - start)) s" | tee -a "$out/parts.txt"
+}
+
+part devices 20 bash -c 'nvidia-smi || true; lscpu'
+# Is it right here: gradients against the host's and against f64, ten steps of training.
+part right 60 "$program" backends --preset fast-ggx --conditions 8 --samples 64 --steps 3 --json
+part step 90 "$bench" "$conditions" "$steps"
+part forms 120 "$program" backends --preset paper-ggx --conditions "$conditions" --steps "$steps" --gradient device --json
+part fused 60 "$program" backends --preset paper-ggx --conditions "$conditions" --steps 5 --gradient fused --json
+# The paper's microfacet head at its size, and the same steps on the host for as long as they take.
+part fit 150 "$program" fit --env studio --preset paper-ggx --set gradient=device ${FIT_STEPS:+--set steps=$FIT_STEPS} --out "$out/fit"
