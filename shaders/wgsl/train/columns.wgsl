@@ -28,13 +28,19 @@ struct Params {
 
 const TURN: f32 = 6.2831855;
 
+// The number of a thread of workgroups in rows: there are more than one row may have.
+fn number_of(id: vec3<u32>, groups: vec3<u32>) -> u32 {
+    return id.y * groups.x * 64u + id.x;
+}
+
 // Packs a layer's weights, [rows, feature_count] from the place `source` on: by input for the forward pass, by output for the backward pass.
 @compute @workgroup_size(64)
-fn pack(@builtin(global_invocation_id) id: vec3<u32>) {
-    if (id.x >= p.rows * p.feature_count) { return; }
-    let row = id.x / p.feature_count;
-    let column = id.x % p.feature_count;
-    let weight = weights[p.source + id.x];
+fn pack(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let number = number_of(id, groups);
+    if (number >= p.rows * p.feature_count) { return; }
+    let row = number / p.feature_count;
+    let column = number % p.feature_count;
+    let weight = weights[p.source + number];
     arena[p.output + column * p.stride + row] = weight;
     arena[p.factors + row * p.factor_stride + column] = weight;
 }
@@ -75,18 +81,20 @@ fn feature_derivative(@builtin(global_invocation_id) id: vec3<u32>) {
 
 // The derivative by an activation becomes that by its argument.
 @compute @workgroup_size(64)
-fn through_activation(@builtin(global_invocation_id) id: vec3<u32>) {
-    if (id.x >= p.count) { return; }
-    arena[p.output + id.x] = arena[p.output + id.x] * select(p.slope, 1.0, arena[p.source + id.x] > 0.0);
+fn through_activation(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let number = number_of(id, groups);
+    if (number >= p.count) { return; }
+    arena[p.output + number] = arena[p.output + number] * select(p.slope, 1.0, arena[p.source + number] > 0.0);
 }
 
 // Adds up the slices of the gradient.
 @compute @workgroup_size(64)
-fn add_slices(@builtin(global_invocation_id) id: vec3<u32>) {
-    if (id.x >= p.rows) { return; }
+fn add_slices(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let number = number_of(id, groups);
+    if (number >= p.rows) { return; }
     var sum = 0.0;
-    for (var slice = 0u; slice < p.count; slice++) { sum += partials[slice * p.rows + id.x]; }
-    arena[p.output + id.x] = sum;
+    for (var slice = 0u; slice < p.count; slice++) { sum += partials[slice * p.rows + number]; }
+    arena[p.output + number] = sum;
 }
 
 var<workgroup> sums: array<vec4<f32>, 64>;

@@ -108,7 +108,7 @@ impl Packed {
             feature_count: layer.inputs,
             ..Columns::default()
         };
-        columns.run(Kernel::Pack, [threads(layer.outputs * layer.inputs), 1])
+        columns.each(Kernel::Pack, layer.outputs * layer.inputs)
     }
 }
 
@@ -272,7 +272,8 @@ impl Columns {
 
     /// Runs a kernel with one thread for each of `count` numbers.
     pub fn each(self, kernel: Kernel, count: usize) -> Dispatch {
-        self.run(kernel, [threads(count), 1])
+        let (groups, most) = (threads(count), 1 << 15);
+        self.run(kernel, [groups.min(most), groups.div_ceil(most)])
     }
 }
 

@@ -11,10 +11,12 @@
 //! | `dispatch.rs` | matrices in the arena; dispatches of the shaders |
 //! | `plan.rs` | the memory and the dispatches of a head's step |
 //! | `targets.rs` | drawing targets |
+//! | `profile.rs` | the time of each shader |
 //! | `mod.rs` | buffers, pipelines, and a step |
 
 mod dispatch;
 mod plan;
+mod profile;
 mod targets;
 
 use std::collections::HashMap;
@@ -35,6 +37,7 @@ use crate::{
 
 use dispatch::Dispatch;
 use plan::{Plan, Shape};
+pub use profile::KernelTime;
 use targets::Targets;
 
 /// Distance of the parameters of dispatches in their buffer, in bytes: the largest alignment that adapters
@@ -62,21 +65,6 @@ struct Next {
     seed: u64,
     step: u64,
     batch: UniformBatch,
-}
-
-/// The time of the dispatches of one shader in a step, and their least cost.
-#[derive(Clone, Debug, Default)]
-pub struct KernelTime {
-    /// The shader.
-    pub name: String,
-    /// Its dispatches.
-    pub dispatches: usize,
-    /// Their time.
-    pub microseconds: f64,
-    /// Floating-point operations of matrix products.
-    pub operations: f64,
-    /// Bytes read and written, if each number is read and written once.
-    pub bytes: f64,
 }
 
 /// What a shape of batches and an objective need.
@@ -174,62 +162,6 @@ impl DeviceGradient {
             tails: list(5, 1),
             mixture_weight_logits,
         }))
-    }
-
-    /// Repeats the last step, each dispatch in a pass of its own, and returns the time of each kind of shader. Empty
-    /// before the first step, and on devices that cannot time their work.
-    ///
-    /// # Errors
-    /// If the device fails.
-    pub fn profile(&self) -> Result<Vec<KernelTime>> {
-        let Some(prepared) = self.prepared.as_ref().filter(|_| self.gpu.has_timestamps()) else {
-            return Ok(Vec::new());
-        };
-        let mut times: Vec<KernelTime> = Vec::new();
-        let mut index = 0;
-        for piece in &prepared.plan.pieces {
-            let nanoseconds = self.time(prepared, piece, index)?;
-            index += piece.len() as u32;
-            for (dispatch, nanoseconds) in piece.iter().zip(nanoseconds) {
-                let name = format!("{:?}", dispatch.kernel);
-                let place = times.iter().position(|time| time.name == name).unwrap_or_else(|| {
-                    times.push(KernelTime { name, ..KernelTime::default() });
-                    times.len() - 1
-                });
-                let KernelTime { dispatches, microseconds, operations, bytes, .. } = &mut times[place];
-                *dispatches += 1;
-                *microseconds += nanoseconds / 1e3;
-                *operations += dispatch.cost.operations;
-                *bytes += dispatch.cost.bytes;
-            }
-        }
-        Ok(times)
-    }
-
-    /// Returns the nanoseconds of each dispatch of a piece, the first of which has number `first`.
-    fn time(&self, prepared: &Prepared, piece: &[Dispatch], first: u32) -> Result<Vec<f64>> {
-        let Gpu { device, queue, .. } = &self.gpu;
-        let count = 2 * piece.len() as u32;
-        let descriptor = wgpu::QuerySetDescriptor { label: None, ty: wgpu::QueryType::Timestamp, count };
-        let queries = device.create_query_set(&descriptor);
-        let mut encoder = device.create_command_encoder(&Default::default());
-        for (index, dispatch) in (0..).zip(piece) {
-            let timestamp_writes = Some(wgpu::ComputePassTimestampWrites {
-                query_set: &queries,
-                beginning_of_pass_write_index: Some(2 * index),
-                end_of_pass_write_index: Some(2 * index + 1),
-            });
-            let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
-            self.dispatch(&mut encoder.begin_compute_pass(&descriptor), prepared, dispatch, first + index);
-        }
-        let (size, usage) = (8 * u64::from(count), BufferUsages::QUERY_RESOLVE | BufferUsages::COPY_SRC);
-        let descriptor = wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false };
-        let resolved = device.create_buffer(&descriptor);
-        encoder.resolve_query_set(&queries, 0..count, &resolved, 0);
-        queue.submit([encoder.finish()]);
-        let ticks: Vec<u64> = self.gpu.read(&resolved, 0, count as usize)?;
-        let period = f64::from(queue.get_timestamp_period());
-        Ok(ticks.chunks_exact(2).map(|pair| pair[1].saturating_sub(pair[0]) as f64 * period).collect())
     }
 
     fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, prepared: &Prepared, dispatch: &Dispatch, index: u32) {

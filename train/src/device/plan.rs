@@ -8,6 +8,9 @@ use super::dispatch::{
 };
 use crate::{Loss, Objective, fused::Layout};
 
+/// The largest number of workgroups along one axis, which are those of conditions.
+const MOST_GROUPS: usize = 65_535;
+
 /// The largest number of slices of the gradient.
 const SLICES: usize = 256;
 
@@ -55,7 +58,7 @@ impl Plan {
         points: usize,
         largest: u64,
     ) -> Result<Self, GpuError> {
-        let together = (points / shape.samples).clamp(1, shape.conditions);
+        let together = (points / shape.samples).clamp(1, shape.conditions.min(MOST_GROUPS));
         let step = Step::new(layout, shape, objective, together, (largest / 4) as usize)?;
         let mut pieces = vec![step.before()];
         let mut first = 0;
