@@ -16,9 +16,7 @@ pub enum Error {
     #[error("gradients on a graphics device are not in this build: build with `--features gpu`")]
     DeviceNotCompiled,
     /// A graphics device cannot be had, has too little memory, or failed.
-    #[error(
-        "training on a graphics device: {reason}; the last checkpoint can be resumed, also with gradient = \"fused\""
-    )]
+    #[error("training on a graphics device: {reason}")]
     Device {
         /// What is wrong.
         reason: String,

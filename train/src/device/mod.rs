@@ -81,7 +81,13 @@ struct Prepared {
 
 impl From<GpuError> for Error {
     fn from(error: GpuError) -> Self {
-        Self::Device { reason: error.to_string() }
+        let reason = match error {
+            GpuError::Failed(_) => {
+                format!("{error}; a run with checkpoints can be resumed, also with gradient = \"fused\"")
+            }
+            error => error.to_string(),
+        };
+        Self::Device { reason }
     }
 }
 
