@@ -48,11 +48,13 @@ fn head(config: HeadConfig, scale: f32) -> (Head, Vec<f32>) {
 fn same(expected: &StepGradient, found: &StepGradient) -> Outcome {
     let largest = expected.d_weight.iter().fold(0.0_f32, |largest, d| largest.max(d.abs()));
     for (place, (a, b)) in expected.d_weight.iter().zip(&found.d_weight).enumerate() {
-        if !((a - b).abs() <= 1e-4 * largest) {
+        let is_same = (a - b).abs() <= 1e-4 * largest;
+        if !is_same {
             return Err(format!("weight {place}: {a} and {b}, the largest is {largest}").into());
         }
     }
-    if !((expected.loss - found.loss).abs() <= 1e-4 * expected.loss.abs().max(1.0)) {
+    let is_same = (expected.loss - found.loss).abs() <= 1e-4 * expected.loss.abs().max(1.0);
+    if !is_same {
         return Err(format!("losses {} and {}", expected.loss, found.loss).into());
     }
     Ok(())

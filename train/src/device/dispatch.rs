@@ -48,8 +48,8 @@ pub struct Matrix {
 }
 
 impl Matrix {
-    /// Returns the matrix from a row on.
-    pub fn from_row(self, row: usize) -> Self {
+    /// Returns the matrix without its first rows.
+    pub fn after_rows(self, row: usize) -> Self {
         Self { start: self.start + row * self.stride, rows: self.rows - row, ..self }
     }
 }

@@ -180,8 +180,8 @@ impl<'a> Step<'a> {
         };
         let mut encoder = of_conditions(&layout.encoder, &mut arena);
         if let Some(encoder) = &mut encoder {
-            encoder.output = seen.from_row(layout.encoder[0].inputs);
-            encoder.d_output = d_seen.from_row(layout.encoder[0].inputs);
+            encoder.output = seen.after_rows(layout.encoder[0].inputs);
+            encoder.d_output = d_seen.after_rows(layout.encoder[0].inputs);
         }
         let mixture_weight = of_conditions(&layout.mixture_weight, &mut arena);
         let coupled = config.mode == Mode::Coupled;
@@ -400,7 +400,7 @@ impl Piece<'_> {
         let features = network.features.rows;
         // Without layers, the logits are the condition's.
         let (output, factors, slope_of_first) = match network.layers.first() {
-            Some(first) => (network.hidden[0], first.forward.from_row(first.layer.inputs - features), slope),
+            Some(first) => (network.hidden[0], first.forward.after_rows(first.layer.inputs - features), slope),
             None => (network.logits, network.logits, 1.0),
         };
         let first_layer = Columns {
@@ -482,7 +482,7 @@ impl Piece<'_> {
             let derivative = Columns {
                 source: azimuth.hidden[0].start,
                 source_stride: azimuth.hidden[0].stride,
-                factors: first.forward.from_row(first.layer.inputs - 1).start,
+                factors: first.forward.after_rows(first.layer.inputs - 1).start,
                 output: self.step.d_value,
                 rows: first.layer.outputs,
                 ..Columns::default()
