@@ -9,12 +9,17 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `dispatch.rs` | matrices in the arena; dispatches of the shaders |
-//! | `plan.rs` | the memory and the dispatches of a head's step |
+//! | `memory.rs` | the networks of a head and their matrices |
+//! | `conditions.rs`, `piece.rs` | what is computed per condition; per point, for some conditions |
+//! | `plan.rs` | all dispatches of a step |
 //! | `targets.rs` | drawing targets |
 //! | `profile.rs` | the time of each shader |
 //! | `mod.rs` | buffers, pipelines, and a step |
 
+mod conditions;
 mod dispatch;
+mod memory;
+mod piece;
 mod plan;
 mod profile;
 mod targets;
@@ -36,7 +41,8 @@ use crate::{
 };
 
 use dispatch::Dispatch;
-use plan::{Plan, Shape};
+use memory::Shape;
+use plan::Plan;
 pub use profile::KernelTime;
 use targets::Targets;
 
