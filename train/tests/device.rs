@@ -141,6 +141,28 @@ fn same_losses_as_the_fused_form() -> Outcome {
     Ok(())
 }
 
+/// 8 million points of one condition need 8 GB in one buffer, which no adapter gives.
+fn too_many_points_of_a_condition_are_refused() -> Outcome {
+    let (head, weights) = head(HeadConfig::COSINE, 0.1);
+    let samples = 1 << 23;
+    let list = || vec![1.0; samples];
+    let batch = Batch {
+        condition_length: 3,
+        samples,
+        conditions: vec![0.0, 1.0, 0.0],
+        points: vec![0.5; 2 * samples],
+        densities: list(),
+        weights: list(),
+        brdf: list(),
+        tails: list(),
+        mixture_weight_logits: vec![0.0],
+    };
+    match DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch) {
+        Err(error) if error.to_string().contains("strata") => Ok(()),
+        other => Err(format!("{:?}", other.map(|found| found.map(|found| found.loss))).into()),
+    }
+}
+
 fn no_gradient_without_light() -> Outcome {
     let (head, weights) = head(HeadConfig::COSINE, 0.1);
     let mut batch = batch(Condition::Normal, 3);
@@ -164,6 +186,7 @@ fn main() {
     let mut trials = vec![
         Trial::test("same_bytes_in_every_run", same_bytes_in_every_run),
         Trial::test("no_gradient_without_light", no_gradient_without_light),
+        Trial::test("too_many_points_of_a_condition_are_refused", too_many_points_of_a_condition_are_refused),
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
         Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),
     ];
