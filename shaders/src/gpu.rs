@@ -66,9 +66,16 @@ impl Gpu {
         Ok(Self { device, queue, info: adapter.get_info(), failure })
     }
 
-    /// Returns whether the adapter is a graphics card, with memory of its own.
-    pub fn is_discrete(&self) -> bool {
-        self.info.device_type == DeviceType::DiscreteGpu
+    /// Opens a graphics card, with memory of its own; `None` if the fastest adapter is none.
+    ///
+    /// # Errors
+    /// [`GpuError::Failed`] if it cannot be opened.
+    pub fn open_card() -> Result<Option<Self>, GpuError> {
+        match Self::open() {
+            Ok(gpu) => Ok((gpu.info.device_type == DeviceType::DiscreteGpu).then_some(gpu)),
+            Err(GpuError::NoAdapter) => Ok(None),
+            Err(error) => Err(error),
+        }
     }
 
     /// Returns the largest size of a storage buffer in bytes.
@@ -130,6 +137,27 @@ impl Gpu {
             },
             cache: None,
         })
+    }
+
+    /// Binds whole buffers to a pipeline of the shader's own bindings, in order.
+    pub fn bind(&self, pipeline: &wgpu::ComputePipeline, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
+        let resources = buffers.iter().map(|buffer| buffer.as_entire_binding()).zip(0..);
+        let entries: Vec<_> = resources.map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource }).collect();
+        let layout = pipeline.get_bind_group_layout(0);
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
+        self.device.create_bind_group(&descriptor)
+    }
+
+    /// Submits one dispatch of `groups` workgroups.
+    pub fn submit(&self, pipeline: &wgpu::ComputePipeline, bound: &wgpu::BindGroup, [x, y]: [u32; 2]) {
+        let mut encoder = self.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            pass.set_pipeline(pipeline);
+            pass.set_bind_group(0, bound, &[]);
+            pass.dispatch_workgroups(x, y, 1);
+        }
+        self.queue.submit([encoder.finish()]);
     }
 
     /// Waits for all work, and returns `count` numbers of a buffer from number `first` on.

@@ -91,12 +91,9 @@ fn on_graphics_card(head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
 
 #[cfg(feature = "gpu")]
 fn device_name(is_asked_for: bool) -> Result<Option<String>> {
-    use headtail_shaders::gpu::{Gpu, GpuError};
-    match Gpu::open() {
-        Ok(gpu) => Ok((is_asked_for || gpu.is_discrete()).then(|| gpu.to_string())),
-        Err(GpuError::NoAdapter) if !is_asked_for => Ok(None),
-        Err(error) => Err(error.into()),
-    }
+    use headtail_shaders::gpu::Gpu;
+    let gpu = if is_asked_for { Some(Gpu::open()?) } else { Gpu::open_card()? };
+    Ok(gpu.map(|gpu| gpu.to_string()))
 }
 
 #[cfg(not(feature = "gpu"))]

@@ -91,29 +91,15 @@ impl Program {
             buffers.push(buffer);
         }
         let answers = gpu.buffer("answers", (queries.len() * size_of::<Answer>()) as u64)?;
-        let entries: Vec<_> = buffers
-            .iter()
-            .chain([&answers])
-            .zip(0..)
-            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        let layout = pipeline.get_bind_group_layout(0);
-        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
-        let group = gpu.device.create_bind_group(&descriptor);
+        let bound: Vec<_> = buffers.iter().chain([&answers]).collect();
+        let group = gpu.bind(&pipeline, &bound);
         gpu.check()?;
         Ok(Self { gpu, pipeline, group, answers, queries: queries.len() })
     }
 
     /// Answers all queries, and waits.
     pub fn run(&self) {
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.group, &[]);
-            pass.dispatch_workgroups(self.queries.div_ceil(64) as u32, 1, 1);
-        }
-        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.submit(&self.pipeline, &self.group, [self.queries.div_ceil(64) as u32, 1]);
         self.gpu.device.poll(wgpu::PollType::wait_indefinitely()).unwrap();
     }
 

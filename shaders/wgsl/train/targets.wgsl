@@ -15,8 +15,8 @@ fn condition_vector(row: u32, condition: u32) -> vec3<f32> {
 }
 
 @compute @workgroup_size(64)
-fn place_targets(@builtin(global_invocation_id) id: vec3<u32>) {
-    let place = id.x;
+fn place_targets(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
+    let place = id.y * groups.x * 64u + id.x;
     if (place >= POINTS) { return; }
     let condition = place / SAMPLES;
     let index = place % SAMPLES;

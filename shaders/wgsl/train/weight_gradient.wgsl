@@ -63,15 +63,15 @@ fn weight_gradient(
     var low = vec4<f32>(); var high = vec4<f32>();
     let end = min((group.z + 1u) * p.slice, p.columns);
     for (var column = group.z * p.slice; column < end; column += 4u) {
-        // Blocks of four rows and four columns are transposed.
-        for (var i = index; i < 8u * ROWS; i += 8u * ROWS) {
-            let row = first_output + 4u * (i / 4u);
-            let at = column + i % 4u;
+        // Blocks of four rows and four columns are transposed, of the derivatives one per thread.
+        {
+            let row = first_output + 4u * (index / 4u);
+            let at = column + index % 4u;
             let r0 = four(p.derivative, row, p.outputs, at);
             let r1 = four(p.derivative, row + 1u, p.outputs, at);
             let r2 = four(p.derivative, row + 2u, p.outputs, at);
             let r3 = four(p.derivative, row + 3u, p.outputs, at);
-            let place = 4u * (i % 4u) * WIDE + i / 4u;
+            let place = 4u * (index % 4u) * WIDE + index / 4u;
             derivatives[place] = vec4<f32>(r0.x, r1.x, r2.x, r3.x);
             derivatives[place + WIDE] = vec4<f32>(r0.y, r1.y, r2.y, r3.y);
             derivatives[place + 2u * WIDE] = vec4<f32>(r0.z, r1.z, r2.z, r3.z);

@@ -117,6 +117,12 @@ fn threads(count: usize) -> usize {
     count.div_ceil(64)
 }
 
+/// Workgroups of 64 threads for `count` numbers, in rows: there are more than one row may have.
+pub fn spread(count: usize) -> [u32; 2] {
+    let (groups, most) = (threads(count), 1 << 15);
+    [groups.min(most), groups.div_ceil(most)].map(|groups| groups as u32)
+}
+
 fn words<const N: usize>(numbers: [usize; N]) -> Vec<u32> {
     numbers.map(|number| u32::try_from(number).expect("the arena is below 2^32 numbers")).into()
 }
@@ -272,8 +278,7 @@ impl Columns {
 
     /// Runs a kernel with one thread for each of `count` numbers.
     pub fn each(self, kernel: Kernel, count: usize) -> Dispatch {
-        let (groups, most) = (threads(count), 1 << 15);
-        self.run(kernel, [groups.min(most), groups.div_ceil(most)])
+        self.run(kernel, spread(count).map(|groups| groups as usize))
     }
 }
 

@@ -111,11 +111,7 @@ impl DeviceGradient {
     /// # Errors
     /// If there is one that cannot be opened.
     pub fn on_graphics_card(head: &Head) -> Result<Option<Self>> {
-        match Gpu::open() {
-            Ok(gpu) if gpu.is_discrete() => Self::on(gpu, head).map(Some),
-            Ok(_) | Err(GpuError::NoAdapter) => Ok(None),
-            Err(error) => Err(error.into()),
-        }
+        Gpu::open_card()?.map(|gpu| Self::on(gpu, head)).transpose()
     }
 
     fn on(gpu: Gpu, head: &Head) -> Result<Self> {

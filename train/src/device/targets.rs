@@ -2,7 +2,7 @@
 
 use headtail_shaders::{Shader, gpu::Gpu};
 
-use super::plan::Plan;
+use super::{dispatch::spread, plan::Plan};
 use crate::{
     Result,
     integrand::{BatchShape, ShaderSurface, ShaderTarget},
@@ -47,27 +47,13 @@ impl Targets {
         let integers = gpu.buffer("the tail", 4 * shader.integers.len() as u64)?;
         gpu.queue.write_buffer(&floats, 0, bytemuck::cast_slice(&shader.floats));
         gpu.queue.write_buffer(&integers, 0, bytemuck::cast_slice(&shader.integers));
-        let entries: Vec<_> = [&floats, &integers, batch, arena]
-            .into_iter()
-            .zip(0..)
-            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
-            .collect();
-        let layout = pipeline.get_bind_group_layout(0);
-        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
-        let group = gpu.device.create_bind_group(&descriptor);
+        let group = gpu.bind(&pipeline, &[&floats, &integers, batch, arena]);
         gpu.check()?;
         Ok(Self { pipeline, group, points })
     }
 
     /// Replaces the uniform numbers of the batch.
     pub fn run(&self, gpu: &Gpu) {
-        let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        {
-            let mut pass = encoder.begin_compute_pass(&Default::default());
-            pass.set_pipeline(&self.pipeline);
-            pass.set_bind_group(0, &self.group, &[]);
-            pass.dispatch_workgroups(self.points.div_ceil(64) as u32, 1, 1);
-        }
-        gpu.queue.submit([encoder.finish()]);
+        gpu.submit(&self.pipeline, &self.group, spread(self.points));
     }
 }
