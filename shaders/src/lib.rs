@@ -6,12 +6,13 @@
 //! | file in `wgsl/` | concept |
 //! | --- | --- |
 //! | `square.wgsl` | directions and points of X, shared functions |
+//! | `prepared.wgsl` | what callers call: samplers at a shading point |
 //! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
 //! | `cells.wgsl` | the cells of a map |
 //! | `brdf.wgsl` | diffuse and microfacet surfaces |
 //! | `patches.wgsl`, `table.wgsl` | patches; tables |
 //! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
-//! | `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
+//! | `tail_alone.wgsl`, `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
 //! | `example.wgsl` | a compute shader as an example |
 //! | `train/` | gradients of heads, see [`training`] |
 
@@ -76,8 +77,11 @@ pub struct Shader {
     pub layout: String,
 }
 
+/// Functions of diffuse and microfacet surfaces, over those of [`Shader::functions`].
+pub const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
-const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
+const PREPARED: &str = include_str!("../wgsl/prepared.wgsl");
+const TAIL_ALONE: &str = include_str!("../wgsl/tail_alone.wgsl");
 const CELLS: &str = include_str!("../wgsl/cells.wgsl");
 const HIERARCHICAL: &str = include_str!("../wgsl/hierarchical.wgsl");
 const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
@@ -94,17 +98,31 @@ const HEAD_OVER_PATCHES: &str = include_str!("../wgsl/head_over_patches.wgsl");
 const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
-    /// Builds the shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`] and
-    /// [`headtail_sampling::export::flat_exported`]).
+    /// Builds the shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`],
+    /// [`headtail_sampling::export::flat_exported`] and, for emitter sampling, [`Tail::flat`]), with an example of use.
     ///
     /// # Errors
     /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
     pub fn new(arrays: &[FlatArray]) -> Result<Self> {
+        let mut shader = Self::functions(arrays)?;
+        shader.append(&[EXAMPLE]);
+        Ok(shader)
+    }
+
+    /// Returns [`Self::new`] without the example. No arrays give the functions that all samplers share.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn functions(arrays: &[FlatArray]) -> Result<Self> {
         let mut shader = Self::of_arrays(arrays)?;
+        if arrays.is_empty() {
+            shader.append(&[SQUARE]);
+            return Ok(shader);
+        }
         let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
         let tail = tail_concepts(arrays, &mut constant)?;
         let concepts = density_concepts(arrays, &mut constant)?;
-        shader.append(&[&[SQUARE][..], &tail, &concepts, &[EXAMPLE]].concat());
+        shader.append(&[&[SQUARE, PREPARED][..], &tail, &concepts].concat());
         Ok(shader)
     }
 
@@ -249,7 +267,7 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
     }
     let patches = shape_of(arrays, "patches.clusters");
     let Ok(layers) = integers_of(arrays, "head.layers") else {
-        return patches.map(|_| vec![PATCHES, PATCHES_ALONE]);
+        return Ok(if patches.is_ok() { vec![PATCHES, PATCHES_ALONE] } else { vec![TAIL_ALONE] });
     };
     for (name, value) in head_constants(layers, integers_of(arrays, "head.shape")?)? {
         constant(name, value);

@@ -1,4 +1,4 @@
-// A head warp: two splines over the square whose logits are given by networks of the condition.
+// A head warp: two splines over the square whose logits are given by networks of the condition, once it was seen.
 
 // What a head for many measured materials is told of one; to be set before the calls. Other heads do not look at it.
 var<private> headtail_latents: array<f32, 6>;
@@ -57,15 +57,13 @@ fn headtail_azimuth(v: f32) {
 }
 
 // The learned mixture weight of the head beside sampling the BSDF; `prior` is added to its logit.
-fn headtail_head_mixture_weight(n: vec3<f32>, wo: vec3<f32>, alpha: f32, prior: f32) -> f32 {
-    headtail_see(n, wo, alpha);
+fn headtail_head_mixture_weight(prior: f32) -> f32 {
     headtail_network(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, HEADTAIL_HEAD_LOGITS);
     return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS] - prior, 88.0)));
 }
 
 // The point that a uniform point z is carried to, and the density there.
-fn headtail_head_draw(n: vec3<f32>, wo: vec3<f32>, alpha: f32, z: vec2<f32>) -> vec3<f32> {
-    headtail_see(n, wo, alpha);
+fn headtail_head_draw(z: vec2<f32>) -> vec3<f32> {
     var u: vec2<f32>;
     var v: vec2<f32>;
     if (HEADTAIL_HEAD_COUPLED == 1u) {
@@ -83,8 +81,7 @@ fn headtail_head_draw(n: vec3<f32>, wo: vec3<f32>, alpha: f32, z: vec2<f32>) -> 
 }
 
 // The density at a point.
-fn headtail_head_density(n: vec3<f32>, wo: vec3<f32>, alpha: f32, point: vec2<f32>) -> f32 {
-    headtail_see(n, wo, alpha);
+fn headtail_head_density(point: vec2<f32>) -> f32 {
     headtail_elevation(point.x);
     let v = headtail_spline_inverse(point.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
     headtail_azimuth(select(point.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));

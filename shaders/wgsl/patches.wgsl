@@ -1,13 +1,8 @@
 // Patches of sky: product sampling in closed form for a diffuse lobe and a Trowbridge-Reitz lobe, between the square of uniform points and Y.
-//
-// Lobes are (luminance of the diffuse reflectance, weight of the Trowbridge-Reitz lobe, luminance of its reflectance at normal incidence, its
-// width); of a diffuse surface (1, 0, 1, 1).
 
 const HEADTAIL_CLUSTERS: u32 = 32u;
 const HEADTAIL_PARTS: u32 = 16u;
 const HEADTAIL_LEAST_VARIANCE: f32 = 3e-7;
-
-struct HeadtailSurface { n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32> }
 
 // Multiplications and additions are fused at the places where the native sampler fuses them, wherever the device can.
 fn headtail_dot(a: vec3<f32>, b: vec3<f32>) -> f32 {
@@ -132,6 +127,16 @@ fn headtail_by_quarters(clusters: HeadtailClusters, at: HeadtailSurface) -> Head
     return step;
 }
 
+// What the clusters give at the point that was prepared.
+var<private> headtail_patches: HeadtailClusters;
+
+fn headtail_prepare_patches(at: HeadtailSurface) {
+    headtail_at = at;
+    headtail_patches = headtail_clusters(at);
+    headtail_patches.step = headtail_by_quarters(headtail_patches, at);
+    headtail_patches.mixture_weight = select(1.0, headtail_patches.mixture_weight, at.lobes.y > 0.0);
+}
+
 // What to go down the trees for: the patch that a uniform point is in, or that of a given twig.
 struct HeadtailAim { z: vec2<f32>, is_given: bool, twig: u32 }
 
@@ -169,10 +174,11 @@ fn headtail_part(mass: f32, total: f32) -> f32 {
 // The patch that one comes to: its rectangles of uniform points and of Y (left, right, top, bottom), and the density over Y.
 struct HeadtailPatch { sides: vec4<f32>, rectangle: vec4<f32>, density: f32 }
 
-fn headtail_walk(at: HeadtailSurface, aim: HeadtailAim) -> HeadtailPatch {
+fn headtail_walk(aim: HeadtailAim) -> HeadtailPatch {
+    let at = headtail_at;
     let roots = HEADTAIL_PATCHES_ROOTS;
     let own = vec3<u32>(aim.twig / (HEADTAIL_PARTS * HEADTAIL_PARTS), aim.twig / HEADTAIL_PARTS, aim.twig) % vec3<u32>(HEADTAIL_CLUSTERS, HEADTAIL_PARTS, HEADTAIL_PARTS);
-    var step = headtail_by_quarters(headtail_clusters(at), at);
+    var step = headtail_patches.step;
     var found = headtail_descend(headtail_integers[roots], step, aim, own.x, vec4<f32>(0.0, 1.0, 0.0, 1.0));
     var probability = headtail_part(found.mass, step.total);
     let cluster = found.place;
@@ -205,17 +211,17 @@ fn headtail_within(start: f32, end: f32, inside: f32) -> f32 {
 }
 
 // The point of Y of a uniform point z, and the density over Y.
-fn headtail_patches_draw(at: HeadtailSurface, z: vec2<f32>) -> vec3<f32> {
-    let found = headtail_walk(at, HeadtailAim(z, false, 0u));
+fn headtail_patches_draw(z: vec2<f32>) -> vec3<f32> {
+    let found = headtail_walk(HeadtailAim(z, false, 0u));
     let inside = headtail_inside(found.sides, z);
     let r = found.rectangle;
     return vec3<f32>(headtail_within(r.x, r.y, inside.x), headtail_within(r.z, r.w, inside.y), found.density);
 }
 
 // The patch of a cell of the map.
-fn headtail_patch_of(at: HeadtailSurface, cell: vec4<f32>) -> HeadtailPatch {
+fn headtail_patch_of(cell: vec4<f32>) -> HeadtailPatch {
     let twig = headtail_integers[HEADTAIL_PATCHES_TWIG_OF_CELL + u32(cell.y) * HEADTAIL_WIDTH + u32(cell.x)];
-    return headtail_walk(at, HeadtailAim(vec2<f32>(0.0), true, twig));
+    return headtail_walk(HeadtailAim(vec2<f32>(0.0), true, twig));
 }
 
 // The mixture weight of BSDF sampling for a lobe by its width alone.

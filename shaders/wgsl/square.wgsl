@@ -78,10 +78,3 @@ fn headtail_four(start: u32, k: u32) -> vec4<f32> {
     let at = start + 4u * k;
     return vec4<f32>(headtail_floats[at], headtail_floats[at + 1u], headtail_floats[at + 2u], headtail_floats[at + 3u]);
 }
-
-// The direction that the tail carries a point of Y to, and its solid-angle pdf, given the point's density.
-fn headtail_through_tail(y: vec2<f32>, density: f32) -> vec4<f32> {
-    let x = headtail_tail(y);
-    let w = headtail_direction(x.xy);
-    return vec4<f32>(w.xyz, density * x.z * w.w);
-}

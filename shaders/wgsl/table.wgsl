@@ -12,8 +12,11 @@ fn headtail_fast_atan2(y: f32, x: f32) -> f32 {
     return select(angle, -angle, y < 0.0);
 }
 
+// The nodes around the normal that was prepared.
+var<private> headtail_nodes: HeadtailBlend;
+
 // The four nodes around a normal, and their weights.
-fn headtail_prepare(n: vec3<f32>) -> HeadtailBlend {
+fn headtail_around(n: vec3<f32>) -> HeadtailBlend {
     let azimuths = f32(HEADTAIL_AZIMUTH);
     var a = headtail_fast_atan2(n.x, -n.z) * (azimuths / (2.0 * HEADTAIL_PI));
     a = select(a, a + azimuths, a < 0.0);
@@ -52,14 +55,18 @@ fn headtail_of_mass(mass: f32, total: f32) -> f32 {
     return mass * f32(HEADTAIL_TABLE_ROWS * HEADTAIL_TABLE_COLUMNS) / total;
 }
 
+fn headtail_prepare(at: HeadtailSurface) {
+    headtail_at = at;
+    headtail_nodes = headtail_around(at.n);
+}
+
 // All samples are drawn here: the table is for diffuse surfaces.
-fn headtail_share(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>) -> f32 {
+fn headtail_share_here() -> f32 {
     return 1.0;
 }
 
-// Draws a direction for a uniform point z of [0, 1)^2: (wi, solid-angle pdf); pdf 0 is no sample.
-fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) -> vec4<f32> {
-    let b = headtail_prepare(n);
+fn headtail_sample_here(z: vec2<f32>) -> vec4<f32> {
+    let b = headtail_nodes;
     let total = headtail_down(b, HEADTAIL_TABLE_ROWS - 1u);
     var row = 0u;
     var before = 0.0;
@@ -81,9 +88,8 @@ fn headtail_sample(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, z: vec2<f32>) 
     return headtail_through_tail(vec2<f32>(u, v), headtail_of_mass(headtail_mass(b, row, column), total));
 }
 
-// The solid-angle pdf with which `headtail_sample` draws a unit direction.
-fn headtail_pdf(n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, wi: vec3<f32>) -> f32 {
-    let b = headtail_prepare(n);
+fn headtail_pdf_here(wi: vec3<f32>) -> f32 {
+    let b = headtail_nodes;
     let x = headtail_square(wi);
     let y = headtail_pull_back(x.xy);
     let row = min(u32(y.y * f32(HEADTAIL_TABLE_ROWS)), HEADTAIL_TABLE_ROWS - 1u);

@@ -120,29 +120,42 @@ impl Face<'_> {
         self.to_world.is_some()
     }
 
-    /// Returns the shading normal at barycentric `weights`, of any length; `None` for flat shading.
-    pub fn smooth_normal(&self, weights: [f32; 3]) -> Option<Vec3A> {
+    /// Returns whether it belongs to a copy that mirrors its mesh: its corners are clockwise as seen from outside.
+    pub fn is_mirrored(&self) -> bool {
+        self.to_world.is_some_and(|to_world| to_world.matrix3.as_dmat3().determinant() < 0.0)
+    }
+
+    /// Returns the shading normals of the corners, of unit length or 0; `None` for flat shading.
+    pub fn normals(&self) -> Option<[Vec3A; 3]> {
         let normals = &self.mesh.normals;
-        let vertices = self.vertices();
-        let normal = |k: usize| {
-            let own = Vec3A::from(normals[vertices[k]]);
+        let normal = |vertex: usize| {
+            let own = Vec3A::from(normals[vertex]);
             // As in world-space meshes, normals have unit length before they are interpolated.
             self.to_world.map_or(own, |to_world| (normal_matrix(to_world) * own).normalize_or_zero())
         };
-        (!normals.is_empty()).then(|| (0..3).map(|k| weights[k] * normal(k)).sum())
+        (!normals.is_empty()).then(|| self.vertices().map(normal))
+    }
+
+    /// Returns the shading normal at barycentric `weights`, of any length; `None` for flat shading.
+    pub fn smooth_normal(&self, weights: [f32; 3]) -> Option<Vec3A> {
+        self.normals().map(|normals| (0..3).map(|k| weights[k] * normals[k]).sum())
     }
 
     /// Returns the tangent for a normal map, with the handedness of the bitangent in `w`.
     pub fn tangent(&self, space: &TangentSpace, uv: [Vec2; 3], weights: [f32; 3], normal: Vec3A) -> Vec4 {
-        if space.tangents.is_empty() {
-            return TangentSpace::of_triangle(self.corners(), uv, normal);
+        match self.tangents(space) {
+            Some(tangents) => (0..3).map(|k| weights[k] * tangents[k]).sum(),
+            None => TangentSpace::of_triangle(self.corners(), uv, normal),
         }
-        let vertices = self.vertices();
-        let tangent = |k: usize| {
-            let own = space.tangents[vertices[k]];
+    }
+
+    /// Returns the tangents of the corners, with the handedness of the bitangent in `w`; `None` if the file has none.
+    pub fn tangents(&self, space: &TangentSpace) -> Option<[Vec4; 3]> {
+        let tangent = |vertex: usize| {
+            let own = space.tangents[vertex];
             self.to_world.map_or(own, |to_world| moved_tangent(own, to_world))
         };
-        (0..3).map(|k| weights[k] * tangent(k)).sum()
+        (!space.tangents.is_empty()).then(|| self.vertices().map(tangent))
     }
 }
 

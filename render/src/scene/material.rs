@@ -181,6 +181,12 @@ impl AlphaField {
         Self { low: alpha, high: alpha, center: Vec3A::ZERO, frequency: 0.0 }
     }
 
+    /// Returns the least and the greatest width, the centre in metres, and the radians per metre of one period across the
+    /// scene.
+    pub fn parameters(&self) -> ([f32; 2], Vec3A, f32) {
+        ([self.low, self.high], self.center, self.frequency)
+    }
+
     /// Returns the width at a position in metres.
     pub fn at(&self, p: Vec3A) -> f32 {
         let q = (p - self.center) * self.frequency;

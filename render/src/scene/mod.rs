@@ -16,6 +16,7 @@
 //! | `copies.rs` | copies of meshes, by reference |
 //! | `mask.rs` | alpha masks |
 //! | `context.rs`, `hash.rs` | the scene as samplers see it; content hashes |
+//! | `flat_face.rs` | triangles with their attributes, for other devices |
 
 mod built_in;
 mod bvh;
@@ -23,6 +24,7 @@ mod camera;
 mod context;
 mod copies;
 mod faces;
+mod flat_face;
 mod fspy;
 mod gltf;
 mod ground;
@@ -42,6 +44,7 @@ mod wide;
 pub use built_in::built_in_names;
 pub use bvh::Bvh;
 pub use camera::Camera;
+pub use flat_face::FlatFace;
 pub use fspy::{FspyProject, UpAxis};
 pub use gltf::LoadOptions;
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};

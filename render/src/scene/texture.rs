@@ -134,6 +134,21 @@ impl Texture {
         (self.grid.content(), self.texels.as_flattened())
     }
 
+    /// Returns width and height in texels.
+    pub fn size(&self) -> [usize; 2] {
+        [self.grid.width, self.grid.height]
+    }
+
+    /// Returns the wrap modes for u and v, and the filter.
+    pub fn sampling(&self) -> ([Wrap; 2], Filter) {
+        (self.grid.wrap, self.grid.filter)
+    }
+
+    /// Returns the texels `[height * width]`, row-major from the top left.
+    pub fn texels(&self) -> &[[u8; 3]] {
+        &self.texels
+    }
+
     fn interpolate(&self, uv: Vec2, decode: impl Fn(u8) -> f32) -> Vec3A {
         self.grid.interpolate(uv, |i| Vec3A::from_array(self.texels[i].map(&decode)), Vec3A::lerp)
     }

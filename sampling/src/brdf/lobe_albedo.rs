@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use glam::{Vec2, Vec3};
 
 use super::{Ggx, Kernel, ggx::schlick_weight};
+use crate::flat::{FlatArray, FlatNumbers};
 
 /// Nodes along the square roots of the cosine and of `alpha`, dense where the albedo is curved: at
 /// grazing angles and for near mirrors.
@@ -51,6 +52,14 @@ static TABLE: LazyLock<[Row; NODES]> = LazyLock::new(|| std::array::from_fn(|i| 
 /// Computes the table unless that is done, so that the first pixel does not wait for it.
 pub fn tabulate() {
     LazyLock::force(&TABLE);
+}
+
+/// Returns the table as rows by the square root of `alpha`, each of pairs (with F = 1, with F = `(1 - cos)^5`): at nodes by
+/// the square root of the cosine, then the cosine-weighted mean. For renderers on other devices.
+pub fn flat_lobe_albedo() -> FlatArray {
+    let pair = |split: &Split| [split.full, split.grazing];
+    let numbers = TABLE.iter().flat_map(|row| row.nodes.iter().chain([&row.mean]).flat_map(pair)).collect();
+    FlatArray { name: "lobe_albedo", shape: vec![NODES, NODES + 1, 2], numbers: FlatNumbers::Floats(numbers) }
 }
 
 /// The albedos of the lobe of one `alpha`, linear between the nodes.

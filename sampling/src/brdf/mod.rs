@@ -19,7 +19,7 @@ pub mod neural_texture;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
-pub use lobe_albedo::tabulate as tabulate_lobe_albedo;
+pub use lobe_albedo::{flat_lobe_albedo, tabulate as tabulate_lobe_albedo};
 pub use lobe_mixture::LobeMixture;
 pub use metallic_roughness::MetallicRoughness;
 pub use neural_texture::NeuralTexture;

@@ -72,7 +72,7 @@ struct Address {
 
 impl Dimension {
     /// The direction of draw `index` of `of` from a technique, 0 or 1.
-    pub(crate) fn of_several(technique: u32, index: u32, of: u32) -> Self {
+    pub fn of_several(technique: u32, index: u32, of: u32) -> Self {
         if of == 1 { Self::Light(technique) } else { Self::Candidate { technique, index, of } }
     }
 
@@ -91,6 +91,16 @@ impl Dimension {
         let (index, of) = if let Self::Candidate { index, of, .. } = self { (index, of) } else { (0, 1) };
         Address { sequence: bounce * PER_BOUNCE + sequence, column, index, of }
     }
+}
+
+/// What all pixels share of a group of numbers. A pixel of key `k` adds the words that Philox4x32-7 gives for the
+/// counter `[k, counter]` under the seed, and the upper 24 bits of each sum are the number, as a fraction of 2^24.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommonNumbers {
+    /// Three numbers before the shift, as fractions of 2^32.
+    pub numbers: [u32; 3],
+    /// The rest of the counter of the shift.
+    pub counter: [u32; 3],
 }
 
 /// The numbers of one sample of each pixel, at one bounce of its path.
@@ -170,8 +180,15 @@ impl Points {
                 independent(counter, self.seed, address.column, columns);
             }
             PointSet::Sobol => self.draw_sobol(address, columns),
-            PointSet::Lattice { .. } => self.draw_lattice(&self.lattice, address, columns),
+            PointSet::Lattice { .. } => self.draw_lattice(address, columns),
         }
+    }
+
+    /// Returns what all pixels share of the first three numbers of a group of lattice points, for renderers on other
+    /// devices; `None` for other kinds of points.
+    pub fn common(&self, dimension: Dimension) -> Option<CommonNumbers> {
+        let PointSet::Lattice { .. } = self.set else { return None };
+        Some(self.common_of_lattice(dimension.address(self.bounce)))
     }
 
     fn draw_sobol(&self, Address { sequence, column, index, of }: Address, columns: Columns<'_>) {
@@ -186,9 +203,13 @@ impl Points {
     }
 
     /// Draws from the lattices of a number of samples; later samples come from the same lattices with other shifts.
-    fn draw_lattice(&self, lattice: &Lattice, address: Address, columns: Columns<'_>) {
-        let Address { sequence, column, index, of } = address;
-        let round = self.sample / lattice.samples();
+    fn draw_lattice(&self, address: Address, columns: Columns<'_>) {
+        let CommonNumbers { numbers: [first, second, third], counter } = self.common_of_lattice(address);
+        shifted(counter, self.seed, [first, second, third, 0], columns);
+    }
+
+    fn common_of_lattice(&self, Address { sequence, column, index, of }: Address) -> CommonNumbers {
+        let round = self.sample / self.lattice.samples();
         let purpose = match (sequence, column) {
             (PRIMARY, 2) => 0,
             // Directions of a technique, of which each sample takes one or several.
@@ -196,8 +217,8 @@ impl Points {
             (3 | 5, _) => 2,
             (other, _) => other + lattice::PURPOSES as u32,
         };
-        let [first, second, third] = lattice.numbers(self.sample, purpose, (index, of));
-        shifted([round, sequence, LATTICE | column as u32], self.seed, [first, second, third, 0], columns);
+        let numbers = self.lattice.numbers(self.sample, purpose, (index, of));
+        CommonNumbers { numbers, counter: [round, sequence, LATTICE | column as u32] }
     }
 
     /// Returns a random number for a sequence as a whole.

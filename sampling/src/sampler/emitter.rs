@@ -18,6 +18,11 @@ impl EmitterSampler {
         Self { coverage: light.coverage(), light }
     }
 
+    /// Returns the map and the tail that directions are drawn through.
+    pub fn light(&self) -> &EnvironmentLight {
+        &self.light
+    }
+
     /// Emitter sampling for use with BRDF sampling: MIS compensation (Karlik et al. 2019).
     ///
     /// The mean luminance is subtracted from the map and negative values are clipped: dim regions are left to

@@ -152,7 +152,10 @@ impl FileKind {
     }
 
     /// Reads a file, which must be of this kind.
-    pub(super) fn read(self, file: &Path) -> Result<ExportedSampler> {
+    ///
+    /// # Errors
+    /// If it cannot be read, or is of another kind.
+    pub fn read(self, file: &Path) -> Result<ExportedSampler> {
         let exported = ExportedSampler::read(file)?;
         let held = Self::of(&exported);
         if held == self {

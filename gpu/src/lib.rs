@@ -1,0 +1,33 @@
+//! headtail's integrator for graphics devices: paths of `headtail_render::integrator` in WGSL, around the samplers of
+//! [`headtail_shaders`].
+//!
+//! A [`Program`] is the shader of a scene, a map and a sampler with the buffers that it reads. Its pictures are those of
+//! `headtail_render::integrator::render` for the same points, but for rounding. What the shaders do not cover is an error
+//! that names it.
+//!
+//! | file | concept |
+//! | --- | --- |
+//! | `geometry.rs`, `wgsl/rays.wgsl` | triangles and their hierarchy; rays |
+//! | `surfaces.rs`, `wgsl/surface.wgsl` | attributes, materials and textures |
+//! | `wgsl/reflection.wgsl` | reflection at a shading point |
+//! | `map.rs`, `wgsl/map.wgsl` | the environment map |
+//! | `points.rs`, `wgsl/points.wgsl` | the camera, and the numbers of samples |
+//! | `sampler.rs`, other files of `wgsl/` | SPECs: sources of directions, and how they are combined |
+//! | `program.rs`, `wgsl/path.wgsl` | the whole shader |
+//! | `renderer.rs` | running it through `wgpu` |
+
+mod error;
+mod geometry;
+mod map;
+mod points;
+mod program;
+#[cfg(feature = "gpu")]
+mod renderer;
+mod sampler;
+mod surfaces;
+
+pub use error::{Error, Result};
+pub use points::ViewWords;
+pub use program::{BINDINGS, Binding, Program};
+#[cfg(feature = "gpu")]
+pub use renderer::Renderer;

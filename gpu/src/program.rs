@@ -1,0 +1,114 @@
+//! The whole shader of a scene, a map and a sampler, with its buffers.
+
+use std::{fmt::Write, sync::Arc};
+
+use headtail_render::{environment::Environment, scene::Scene, spec::SamplerSpec};
+use headtail_shaders::{BRDF, Shader};
+
+use crate::{error::Result, geometry::Geometry, map, points::LightGroup, sampler::DeviceSampler, surfaces::Surfaces};
+
+const POINTS: &str = include_str!("../wgsl/points.wgsl");
+const RAYS: &str = include_str!("../wgsl/rays.wgsl");
+const MAP: &str = include_str!("../wgsl/map.wgsl");
+const SURFACE: &str = include_str!("../wgsl/surface.wgsl");
+const REFLECTION: &str = include_str!("../wgsl/reflection.wgsl");
+const PATH: &str = include_str!("../wgsl/path.wgsl");
+
+/// The compute shader's entry point: one invocation per pixel, in workgroups of 8 x 8.
+pub const ENTRY: &str = "headtail_render";
+/// Pixels along a side of a workgroup.
+pub const GROUP: u32 = 8;
+/// Vectors of four numbers for each pixel of the film.
+pub const OF_PIXEL: usize = 3;
+
+/// A storage buffer of the shader, in the order of the bindings of group 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binding {
+    /// [`Program::floats`].
+    Floats,
+    /// [`Program::integers`].
+    Integers,
+    /// [`Program::geometry`].
+    Geometry,
+    /// [`Program::surfaces`].
+    Surfaces,
+    /// [`Program::texels`].
+    Texels,
+    /// The film: three vectors of four numbers for each pixel of the part, to which samples are added: light from
+    /// surfaces and number of shadow rays; background and number of camera rays that hit; largest luminance of a
+    /// contribution. The only one that is written.
+    Film,
+    /// [`ViewWords`](crate::ViewWords).
+    View,
+}
+
+/// The bindings of group 0, from 0 on.
+pub const BINDINGS: [Binding; 7] = [
+    Binding::Floats,
+    Binding::Integers,
+    Binding::Geometry,
+    Binding::Surfaces,
+    Binding::Texels,
+    Binding::Film,
+    Binding::View,
+];
+
+/// The shader of a scene, a map and a sampler, and the buffers that it reads.
+#[derive(Clone, Debug)]
+pub struct Program {
+    /// The WGSL source.
+    pub source: String,
+    /// Floats of the sampler.
+    pub floats: Vec<f32>,
+    /// Integers of the sampler.
+    pub integers: Vec<u32>,
+    /// Hierarchy and triangles.
+    pub geometry: Vec<[f32; 4]>,
+    /// Attributes, materials and textures.
+    pub surfaces: Vec<u32>,
+    /// Radiance of the map, three numbers per texel.
+    pub texels: Vec<f32>,
+    /// The groups of numbers of a light estimate.
+    pub groups: Vec<LightGroup>,
+}
+
+impl Program {
+    /// Makes the program of a sampler for a scene under a map.
+    ///
+    /// # Errors
+    /// If the shaders do not cover the scene or the SPEC, or the SPEC's file is for another map.
+    pub fn new(scene: &Scene, environment: &Arc<Environment>, spec: &SamplerSpec) -> Result<Self> {
+        let sampler = DeviceSampler::new(spec, environment)?;
+        let faces: Vec<_> = scene.flat_faces().collect();
+        let (geometry, surfaces) = (Geometry::build(&faces)?, Surfaces::new(scene, &faces)?);
+        let groups = sampler.groups();
+        let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays)?;
+        let constants = [
+            ("ROOT", geometry.root as usize),
+            ("STACK", geometry.stack),
+            ("TRIANGLES", geometry.triangles),
+            ("MATERIALS", surfaces.materials),
+            ("FACES", surfaces.faces),
+            ("ALBEDO", surfaces.albedo),
+            ("SRGB", surfaces.srgb),
+            ("MAP_WIDTH", environment.width()),
+            ("MAP_HEIGHT", environment.height()),
+            ("DIRECTIONS", sampler.directions as usize),
+            ("LIGHT_GROUPS", groups.len()),
+        ];
+        for (name, value) in constants {
+            // Writing to a string cannot fail.
+            let _ = writeln!(source, "const HEADTAIL_{name}: u32 = {value}u;");
+        }
+        let _ = writeln!(source, "const HEADTAIL_IS_EMISSIVE: bool = {};", surfaces.is_emissive);
+        for part in [BRDF, POINTS, RAYS, MAP, SURFACE, REFLECTION].into_iter().chain(sampler.sources).chain([PATH]) {
+            source.push('\n');
+            source.push_str(part);
+        }
+        // Buffers cannot be empty.
+        floats.extend(floats.is_empty().then_some(0.0));
+        integers.extend(integers.is_empty().then_some(0));
+        let (geometry, surfaces) = (geometry.numbers, surfaces.words);
+        Ok(Self { source, floats, integers, geometry, surfaces, texels: map::texels(environment), groups })
+    }
+}

@@ -1,0 +1,101 @@
+//! SPECs as shaders: the arrays of a source of directions, and how directions are combined.
+
+use std::sync::Arc;
+
+use headtail_render::{
+    environment::Environment,
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    flat::FlatArray,
+    head::Condition,
+    sampler::{EmitterSampler, EnvironmentLight},
+    spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility},
+    tail::TailKind,
+};
+
+use crate::{
+    error::{Error, Result},
+    points::LightGroup,
+};
+
+const BRDF_ALONE: &str = include_str!("../wgsl/brdf_alone.wgsl");
+const SOURCE_ALONE: &str = include_str!("../wgsl/source_alone.wgsl");
+const ONE_SAMPLE_MIS: &str = include_str!("../wgsl/one_sample_mis.wgsl");
+const MEAN: &str = include_str!("../wgsl/mean.wgsl");
+const TWO_SAMPLE_MIS: &str = include_str!("../wgsl/two_sample_mis.wgsl");
+const OWN_WEIGHT: &str = include_str!("../wgsl/own_weight.wgsl");
+const HALF_WEIGHT: &str = include_str!("../wgsl/half_weight.wgsl");
+
+/// A SPEC for a map.
+pub struct DeviceSampler {
+    /// Arrays of the source; none for BRDF sampling.
+    pub arrays: Vec<FlatArray>,
+    /// WGSL with `headtail_estimate`.
+    pub sources: Vec<&'static str>,
+    /// Number of directions, or of pairs of them.
+    pub directions: u32,
+    is_pairs: bool,
+}
+
+impl DeviceSampler {
+    /// Makes the arrays of a SPEC for a map.
+    ///
+    /// # Errors
+    /// If devices do not have the SPEC, or its file is for another map.
+    pub fn new(spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Self> {
+        let not_covered = |instead| Error::NotCovered { what: format!("sampler '{spec}'"), instead };
+        if *spec.visibility() != Visibility::None {
+            return Err(not_covered("leave out +vis: split:4:patches, for example"));
+        }
+        let (directions, is_pairs) = match spec.combiner() {
+            Combiner::One => (1, false),
+            Combiner::Split(directions) => (directions, false),
+            Combiner::TwoSampleMis(pairs) => (pairs, true),
+            Combiner::Ris(_) => return Err(not_covered("choose mis2-comp or patches")),
+        };
+        let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
+        let (arrays, mut is_mixed, has_own_weight) = match spec.source() {
+            Source::Brdf | Source::Cosine => (Vec::new(), false, false),
+            Source::Emitter => (light()?.tail().flat(), false, false),
+            Source::Compensated => (EmitterSampler::compensated(&light()?)?.light().tail().flat(), false, false),
+            Source::Patches(detail) => (flat_patches(light()?.tail(), *detail)?, true, true),
+            Source::File(kind, file) => {
+                let exported = kind.read(file)?;
+                exported.check_environment(environment).map_err(|error| error.in_file(file))?;
+                let is_head = matches!(kind, FileKind::Head | FileKind::HeadOverPatches);
+                if of_other_material(&exported) {
+                    return Err(not_covered("heads of measured and neural materials render on the CPU"));
+                }
+                let arrays = flat_exported(&exported).map_err(|error| error.in_file(file))?;
+                (arrays, *kind == FileKind::HeadOverPatches, is_head)
+            }
+            Source::Auto => return Err(not_covered("choose split:3:mis2-comp or split:4:patches")),
+            Source::Oracle | Source::Portals(_) | Source::Rival(..) => {
+                return Err(not_covered("choose mis2-comp, patches, or a head"));
+            }
+        };
+        is_mixed |= spec.companion() == Companion::Brdf;
+        let weight = if has_own_weight { OWN_WEIGHT } else { HALF_WEIGHT };
+        let sources = match (is_pairs, arrays.is_empty(), is_mixed) {
+            (true, ..) => vec![SOURCE_ALONE, TWO_SAMPLE_MIS],
+            (false, true, _) => vec![BRDF_ALONE, MEAN],
+            (false, false, false) => vec![SOURCE_ALONE, MEAN],
+            (false, false, true) => vec![weight, ONE_SAMPLE_MIS, MEAN],
+        };
+        Ok(Self { arrays, sources, directions, is_pairs })
+    }
+
+    /// Returns the groups of numbers of a light estimate, in the order in which it reads them.
+    pub fn groups(&self) -> Vec<LightGroup> {
+        let techniques = if self.is_pairs { 2 } else { 1 };
+        let of_index = |index| (0..techniques).map(move |technique| (technique, index, self.directions));
+        (0..self.directions).flat_map(of_index).collect()
+    }
+}
+
+/// Whether a head has conditions that no surface has here.
+fn of_other_material(exported: &ExportedSampler) -> bool {
+    match &exported.intermediate {
+        Intermediate::Head(head) => matches!(head.condition(), Condition::Family | Condition::Texture),
+        Intermediate::Bake(_) | Intermediate::DirectBake(_) => false,
+    }
+}

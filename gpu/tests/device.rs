@@ -1,0 +1,126 @@
+//! Pictures of a device (Mesa's software adapter if there is no other) match those of the CPU for the same points.
+
+use std::{
+    path::Path,
+    sync::{Arc, atomic::AtomicBool},
+};
+
+use glam::Vec3A;
+use headtail_gpu::{Program, Renderer};
+use headtail_render::{
+    environment::Environment,
+    image::Image,
+    integrator::{self, Budget, Rendering, View},
+    points::{PointSet, Points},
+    scene::{MaterialSpec, Scene},
+    spec::SamplerSpec,
+};
+use headtail_shaders::gpu::Gpu;
+use libtest_mimic::{Arguments, Failed, Trial};
+
+const WIDTH: usize = 40;
+const HEIGHT: usize = 30;
+const SAMPLES: u32 = 8;
+/// Pixels that differ by more than [`NEAR`] of their value: rays that rounding moves across an edge, and draws that it
+/// moves across a border of patches or a lobe. A pixel has 8 samples of up to 12 draws.
+const APART: f64 = 0.12;
+const NEAR: f32 = 1e-3;
+/// Largest difference of the mean over all pixels: differing samples are as good as new ones, and few.
+const MEAN: f64 = 1e-2;
+
+struct Case {
+    scene: &'static str,
+    map: &'static str,
+    material: Option<&'static str>,
+    spec: &'static str,
+    depth: u32,
+    unshadowed: bool,
+}
+
+const fn case(scene: &'static str, map: &'static str, material: Option<&'static str>, spec: &'static str) -> Case {
+    Case { scene, map, material, spec, depth: 1, unshadowed: false }
+}
+
+const LAMBERT: Option<&str> = Some("lambert");
+const GGX: Option<&str> = Some("ggx:alpha=0.2..0.6");
+
+const CASES: [Case; 14] = [
+    case("temple", "studio", LAMBERT, "brdf"),
+    case("temple", "sunset", LAMBERT, "emitter"),
+    case("dishes", "studio", GGX, "mis"),
+    case("temple", "sunset", GGX, "mis-comp"),
+    case("dishes", "window", LAMBERT, "mis2"),
+    case("dishes", "overcast", GGX, "split:3:mis2-comp"),
+    case("temple", "studio", LAMBERT, "patches"),
+    case("dishes", "sunset", GGX, "split:4:patches"),
+    case("dishes", "studio", Some("ggx:alpha=0.02"), "patches:fine"),
+    case("droid", "studio", None, "split:2:mis-comp"),
+    Case { depth: 4, ..case("bedroom", "window", None, "mis2-comp") },
+    Case { depth: 3, ..case("dishes", "studio", GGX, "brdf") },
+    Case { unshadowed: true, ..case("arcade", "sunset", LAMBERT, "mis2-comp") },
+    case("diorama", "sunset", None, "split:4:patches"),
+];
+
+impl Case {
+    fn name(&self) -> String {
+        let Self { scene, map, material, spec, depth, .. } = self;
+        format!("{spec} on {scene} under {map}, {}, depth {depth}", material.unwrap_or("own materials"))
+    }
+
+    fn check(&self, gpu: &Gpu) -> Result<(), Failed> {
+        let environment = Arc::new(Environment::open(self.map)?);
+        let mut scene = Scene::open(self.scene)?;
+        if let Some(material) = self.material {
+            let bounds = scene.bounds();
+            scene = material.parse::<MaterialSpec>()?.dress(scene, &bounds)?;
+        }
+        let spec: SamplerSpec = self.spec.parse()?;
+        let camera = scene.camera();
+        let (depth, unshadowed) = (self.depth, self.unshadowed);
+        let (width, height) = (WIDTH, HEIGHT);
+        let view =
+            View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed, depth };
+        let (points, stop) = (Points::new(PointSet::LATTICE, 3), AtomicBool::new(false));
+        let estimator = spec.build(&environment)?;
+        let expected = integrator::render(view, &*estimator, Budget::Spp(SAMPLES), points, &stop, &|_| {});
+        let program = Program::new(&scene, &environment, &spec)?;
+        let renderer = Renderer::new(gpu, &program)?;
+        let found = renderer.render(&view, view.whole(), Budget::Spp(SAMPLES), points, &stop, &|_| {})?;
+        compare(&found, &expected)
+    }
+}
+
+/// Compares pictures pixel by pixel, and their means.
+fn compare(found: &Rendering, expected: &Rendering) -> Result<(), Failed> {
+    let color = |image: &Image, k: usize| Vec3A::from_array(image.pixels[k]);
+    let is_apart = |&k: &usize| {
+        let (a, b) = (color(&found.composite(), k), color(&expected.composite(), k));
+        (a - b).abs().max_element() > NEAR * b.abs().max_element().max(1e-3)
+    };
+    let pixels = WIDTH * HEIGHT;
+    let apart = (0..pixels).filter(is_apart).count() as f64 / pixels as f64;
+    let mean = |image: &Image| image.pixels.iter().map(|p| f64::from(p[0] + p[1] + p[2])).sum::<f64>();
+    let difference = mean(&found.composite()) / mean(&expected.composite()) - 1.0;
+    let rays = found.rays_per_sample / expected.rays_per_sample - 1.0;
+    let weight = found.max_weight / expected.max_weight - 1.0;
+    let text = format!(
+        "{apart:.4} of pixels apart, mean {difference:+.1e}, rays {rays:+.1e}, largest weight {weight:+.1e}, {:.2} s",
+        found.seconds
+    );
+    println!("{text}");
+    // Where the camera sees no border, all rays hit what they hit on the CPU.
+    let is_same = apart < APART && difference.abs() < MEAN && rays.abs() < 1e-2;
+    if is_same { Ok(()) } else { Err(text.into()) }
+}
+
+fn main() {
+    let arguments = Arguments::from_args();
+    let trials = CASES.iter().map(|case| {
+        Trial::test(case.name(), move || {
+            let gpu = Gpu::open()?;
+            case.check(&gpu)
+        })
+    });
+    let _ = Path::new("");
+    libtest_mimic::run(&arguments, trials.collect()).exit();
+}

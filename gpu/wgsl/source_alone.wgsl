@@ -1,0 +1,9 @@
+// Directions from the sampler alone.
+
+fn headtail_draw_direction(at: HeadtailPoint, z: vec2<f32>) -> vec4<f32> {
+    return headtail_sample_here(z);
+}
+
+fn headtail_begin(at: HeadtailPoint) {
+    headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
+}
