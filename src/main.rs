@@ -10,6 +10,7 @@
 //! | `run/` | a training run as one table, for `fit` and `sweep` |
 //! | `demo.rs`, `fit/`, `bake.rs`, `bake/`, `export.rs` | making samplers |
 //! | `fit_material.rs`, `check_material.rs`, `material.rs`, `fit_rival.rs` | materials |
+//! | `device.rs` | pictures by the CPU or a graphics device |
 //! | `render.rs`, `compare.rs`, `compare/`, `chart.rs`, `scenes.rs` | pictures and comparisons |
 //! | `composite/`, `view.rs` | photographs |
 //! | `inspect/`, `info.rs` | the contents of files |
@@ -28,6 +29,7 @@ mod composite;
 mod cost;
 mod crop;
 mod demo;
+mod device;
 mod export;
 mod exposure;
 mod fit;

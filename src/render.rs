@@ -9,9 +9,8 @@ use std::{
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
-use headtail_eval::{Budget, Choice, OpenedView, Trial, part_text};
+use headtail_eval::{Budget, Choice, OpenedView, Renderer, Trial, part_text};
 use headtail_render::{
-    estimator::Estimator,
     file,
     image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
     integrator::{self, Features, Rendering, View},
@@ -25,7 +24,8 @@ use crate::{
     arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
     exposure,
-    given::given,
+    device::{DEVICES, Device, GraphicsDevice},
+    given::{given, one_of},
     light::LightArguments,
     output::OutputFile,
     progress,
@@ -40,6 +40,7 @@ use crate::{
   headtail render --scene dishes --env studio --material ggx:alpha=0.2..0.8 --sampler mis --spp 64 --out out/glossy.exr
   headtail render --scene dishes --env studio --env-rotate 90 --env-scale 1,0.9,0.7 --sampler patches --spp 64 --crop 200,150,240,180 --aovs --out out/crop.exr
   headtail render --scene dishes --env sunset --sampler head+mis:out/sunset/sampler.safetensors --spp 16 --unshadowed --out out/dishes.exr
+  headtail render --scene temple --env sunset --sampler split:4:patches --device gpu --spp 64 --out out/temple.exr
 
 Ctrl-C writes the picture so far.")]
 pub struct Arguments {
@@ -54,6 +55,9 @@ pub struct Arguments {
     /// Render for this many seconds instead.
     #[arg(long)]
     seconds: Option<f64>,
+    /// What renders.
+    #[arg(long, default_value = "cpu", value_parser = one_of(&DEVICES))]
+    device: Device,
     /// Seed of the samples.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -64,7 +68,7 @@ pub struct Arguments {
     exposure: f32,
     /// Print the thread-seconds of each stage.
     /// Reading the clock slows rendering down by a few per cent.
-    #[arg(long)]
+    #[arg(long, conflicts_with = "device")]
     timings: bool,
     #[command(flatten)]
     light: LightArguments,
@@ -102,8 +106,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
+    let device = (arguments.device == Device::Gpu).then(GraphicsDevice::open).transpose()?;
     let start = Instant::now();
-    let (sampler, estimator, choice) = prepared(&arguments.sampler, &opened, budget, &stop)?;
+    let Prepared { sampler, renderer, choice } = match &device {
+        Some(device) => {
+            let (sampler, choice) = (arguments.sampler.clone(), None);
+            Prepared { renderer: device.renderer(&opened, &sampler)?, sampler, choice }
+        }
+        None => prepared(&arguments.sampler, &opened, budget, &stop)?,
+    };
     let preparation = start.elapsed().as_secs_f64();
     drop(busy);
     if let Some(choice) = &choice {
@@ -116,12 +127,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Timings::start();
     }
     let points = opened.points(arguments.seed);
-    let rendering = opened.render(&*estimator, budget, points, &stop, &bar.fraction_setter());
+    let rendering = opened.render_by(&*renderer, budget, points, &stop, &bar.fraction_setter())?;
     bar.finish_and_clear();
 
     let image = rendering.composite();
     let sampler = sampler.to_string();
     let mut attributes = attributes(&opened, &sampler, &rendering, arguments.seed);
+    attributes.extend(device.iter().map(|device| Attribute::new("device", latin_1(&device.name()))));
     attributes.extend(choice.iter().map(|choice| Attribute::new("auto", latin_1(choice))));
     let stops = exposure::of_rendering(&rendering) + arguments.exposure;
     attributes.push(Attribute::new("png.exposure", stops));
@@ -135,6 +147,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         rendering.rays_per_sample,
         rendering.max_weight
     );
+    if let Some(device) = &device {
+        say!("rendered on {}", device.name());
+    }
     if let Some(learned) = rendering.learned {
         let (megabytes, unknown) = (learned.bytes as f64 / 1e6, 100.0 * learned.unknown);
         say!(
@@ -162,6 +177,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             "file": arguments.out.display().to_string(),
             "sampler": sampler,
             "auto": choice,
+            "device": device.as_ref().map(GraphicsDevice::name),
             "spp": rendering.spp,
             "points": rendering.points.to_string(),
             "preparation_seconds": preparation,
@@ -174,15 +190,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     Ok(())
 }
 
-/// Opens the sampler of a SPEC; for `auto`, also returns a text that explains the choice.
-fn prepared(
-    spec: &SamplerSpec,
-    opened: &OpenedView,
-    budget: Budget,
-    stop: &AtomicBool,
-) -> Result<(SamplerSpec, Box<dyn Estimator>, Option<String>)> {
+/// A sampler that is ready to render.
+struct Prepared {
+    sampler: SamplerSpec,
+    renderer: Box<dyn Renderer>,
+    /// What explains the choice of `auto`.
+    choice: Option<String>,
+}
+
+/// Opens the sampler of a SPEC on the CPU.
+fn prepared(spec: &SamplerSpec, opened: &OpenedView, budget: Budget, stop: &AtomicBool) -> Result<Prepared> {
     if *spec.source() != Source::Auto {
-        return Ok((spec.clone(), opened.estimator(spec)?, None));
+        return Ok(Prepared { sampler: spec.clone(), renderer: Box::new(opened.estimator(spec)?), choice: None });
     }
     let Choice { spec, estimator, trials, reason, seconds } = headtail_eval::choose(opened, budget, stop)?;
     let efficiency = |trial: &Trial| match trial.efficiency(&trials) {
@@ -194,8 +213,8 @@ fn prepared(
         true => reason.to_owned(),
         false => format!("relative {reason} of {seconds:.2} s: {}", trials.join(", ")),
     };
-    let text = format!("auto: {spec} ({why})");
-    Ok((spec, estimator, Some(text)))
+    let choice = Some(format!("auto: {spec} ({why})"));
+    Ok(Prepared { sampler: spec, renderer: Box::new(estimator), choice })
 }
 
 /// Returns the path of the features of a picture.

@@ -1,6 +1,6 @@
 //! Number of samples per pixel that fit into a time.
 
-use crate::Budget;
+use crate::{Budget, Result};
 
 /// Maximum number of renderings per calibration.
 const MOST_RENDERINGS: usize = 4;
@@ -20,13 +20,19 @@ pub struct Calibration {
 /// estimate; a rendering with that number of samples corrects it, and is repeated while it is off. `render`
 /// returns samples and seconds of a rendering, or `None` after an interruption.
 ///
+/// # Errors
+/// Those of `render`.
+///
 /// All runs of a sampler then take the same number of samples, whatever else the machine does.
-pub fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f64)>) -> Option<Calibration> {
+pub fn calibrate(
+    seconds: f64,
+    mut render: impl FnMut(Budget) -> Result<Option<(u32, f64)>>,
+) -> Result<Option<Calibration>> {
     let mut trial = Budget::Seconds(0.25 * seconds);
     let mut found = Calibration { samples: 1, off: None };
     // Long renderings are faster per sample than short ones: their passes are longer.
     for _ in 0..MOST_RENDERINGS {
-        let (samples, taken) = render(trial)?;
+        let Some((samples, taken)) = render(trial)? else { return Ok(None) };
         found.samples = (f64::from(samples) * seconds / taken).round().max(1.0) as u32;
         if matches!(trial, Budget::Samples(_)) {
             let is_right = taken <= seconds * TOLERANCE && seconds <= taken * TOLERANCE;
@@ -37,7 +43,7 @@ pub fn calibrate(seconds: f64, mut render: impl FnMut(Budget) -> Option<(u32, f6
         }
         trial = Budget::Samples(found.samples);
     }
-    Some(found)
+    Ok(Some(found))
 }
 
 #[cfg(test)]
@@ -55,9 +61,9 @@ mod tests {
                 Budget::Samples(samples) => samples,
                 Budget::Seconds(time) => (time / seconds) as u32,
             };
-            Some((samples, f64::from(samples) * seconds))
+            Ok(Some((samples, f64::from(samples) * seconds)))
         });
-        (found.unwrap(), renderings)
+        (found.unwrap().unwrap(), renderings)
     }
 
     #[test]
@@ -72,6 +78,6 @@ mod tests {
         assert!(renderings == MOST_RENDERINGS && found.off.is_some_and(|taken| taken > 2.0 * TOLERANCE), "{found:?}");
         // One sample takes longer than the time.
         assert_eq!(calibrated(&[0.1, 5.0]).0, right(1));
-        assert_eq!(calibrate(2.0, |_| None), None);
+        assert_eq!(calibrate(2.0, |_| Ok(None)).unwrap(), None);
     }
 }

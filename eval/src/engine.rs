@@ -15,7 +15,7 @@ use headtail_render::{
 };
 
 use crate::{
-    Budget, Error, Measurement, Noise, OpenedView, Reference, Result,
+    Budget, Error, Measurement, Noise, OpenedView, Reference, Renderer, Result,
     auto::{Choice, choose},
     calibration::{Calibration, calibrate},
     processor_seconds, select,
@@ -42,11 +42,11 @@ pub struct Entry {
     built: Vec<Built>,
 }
 
-/// An estimator and the seconds of its preparation: its files, and the work before the first sample.
+/// A renderer with its sampler, and the seconds of its preparation: its files, and the work before the first sample.
 struct Built {
     /// The budget that it was chosen for; `None` for all.
     budget: Option<Budget>,
-    estimator: Box<dyn Estimator>,
+    renderer: Box<dyn Renderer>,
     seconds: f64,
 }
 
@@ -58,7 +58,12 @@ impl Entry {
 
     /// Wraps an estimator and the seconds of its preparation.
     pub fn prepared(name: impl Into<String>, estimator: Box<dyn Estimator>, preparation: f64) -> Self {
-        Self { name: name.into(), built: vec![Built { budget: None, estimator, seconds: preparation }] }
+        Self::of_renderer(name, Box::new(estimator), preparation)
+    }
+
+    /// Wraps a renderer with its sampler, and the seconds of its preparation.
+    pub fn of_renderer(name: impl Into<String>, renderer: Box<dyn Renderer>, preparation: f64) -> Self {
+        Self { name: name.into(), built: vec![Built { budget: None, renderer, seconds: preparation }] }
     }
 
     /// Opens a sampler by its SPEC; `auto` is chosen for each budget. `preparation` is the time of its files
@@ -75,7 +80,7 @@ impl Entry {
         if *spec.source() == Source::Auto {
             let choice = |&budget: &Budget| {
                 let Choice { estimator, seconds, .. } = choose(view, budget, stop)?;
-                Ok(Built { budget: Some(budget), estimator, seconds })
+                Ok(Built { budget: Some(budget), renderer: Box::new(estimator), seconds })
             };
             return Ok(Self { name: name.into(), built: budgets.iter().map(choice).collect::<Result<_>>()? });
         }
@@ -94,11 +99,11 @@ impl Entry {
         budget.seconds().is_some() && self.built.iter().any(|built| built.budget == Some(budget))
     }
 
-    /// Returns the estimator for a budget and the seconds of its preparation.
-    pub(crate) fn at(&self, budget: Budget) -> (&dyn Estimator, f64) {
+    /// Returns the renderer for a budget and the seconds of its preparation.
+    pub(crate) fn at(&self, budget: Budget) -> (&dyn Renderer, f64) {
         let built = self.built.iter().find(|built| built.budget.is_none_or(|own| own == budget));
-        let built = built.expect("an estimator for every budget that the entry was opened with");
-        (&*built.estimator, built.seconds)
+        let built = built.expect("a renderer for every budget that the entry was opened with");
+        (&*built.renderer, built.seconds)
     }
 }
 
@@ -196,7 +201,7 @@ impl Loop<'_> {
         reference: &mut Reference,
         record: &mut dyn FnMut(Run<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
-        let seconds = self.seconds_of_runs();
+        let seconds = self.seconds_of_runs()?;
         self.watch.planned(seconds.iter().flatten().sum::<f64>() * f64::from(self.plan.runs));
         let mut truth = Truth::of(reference);
         let mut taken: Vec<Vec<Budget>> = Vec::new();
@@ -204,7 +209,7 @@ impl Loop<'_> {
             for (number, budget) in self.plan.budgets.iter().enumerate() {
                 if run == 0 {
                     let calibrated = self.entries.iter().map(|entry| self.calibrated(entry, *budget));
-                    let Some(calibrated) = calibrated.collect() else { return Ok(()) };
+                    let Some(calibrated) = calibrated.collect::<Result<Option<_>>>()? else { return Ok(()) };
                     taken.push(calibrated);
                 }
                 for sampler in 0..self.entries.len() {
@@ -242,7 +247,7 @@ impl Loop<'_> {
         let show = |done: f64| self.watch.spent(self.done + done * seconds);
         let never = AtomicBool::new(false);
         let before = processor_seconds();
-        let rendering = self.view.render(entry.at(asked).0, taken, self.view.points(seed), &never, &show);
+        let rendering = self.view.render_by(entry.at(asked).0, taken, self.view.points(seed), &never, &show)?;
         let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
         self.done += seconds;
         self.watch.spent(self.done);
@@ -280,35 +285,36 @@ impl Loop<'_> {
 
     /// Returns `[budget][sampler]` estimated seconds of a run, by a short rendering with each sampler; if all
     /// runs are short, every sample counts the same.
-    fn seconds_of_runs(&self) -> Vec<Vec<f64>> {
+    fn seconds_of_runs(&self) -> Result<Vec<Vec<f64>>> {
         let pixels = (self.view.part().width * self.view.part().height) as f64;
         let samples = |budget: &Budget| if let Budget::Samples(samples) = budget { f64::from(*samples) } else { 0.0 };
         let is_long = self.plan.budgets.iter().any(|budget| samples(budget) * pixels >= LONG_RUN);
         let sample = |entry: &Entry| {
             if !is_long || self.stop.load(Ordering::Relaxed) {
-                return pixels * SAMPLE;
+                return Ok(pixels * SAMPLE);
             }
             let trial = Budget::Seconds(TRIAL);
             let points = self.view.points(self.plan.seed);
-            let estimator = entry.at(self.plan.budgets[0]).0;
-            let rendering = self.view.render(estimator, trial, points, self.stop, &|_| {});
-            rendering.seconds / f64::from(rendering.spp.max(1))
+            let renderer = entry.at(self.plan.budgets[0]).0;
+            let rendering = self.view.render_by(renderer, trial, points, self.stop, &|_| {})?;
+            Ok(rendering.seconds / f64::from(rendering.spp.max(1)))
         };
-        let of_sample: Vec<f64> = self.entries.iter().map(sample).collect();
+        let of_sample: Vec<f64> = self.entries.iter().map(sample).collect::<Result<_>>()?;
         let seconds = |budget: &Budget, of_sample: f64| budget.seconds().unwrap_or(samples(budget) * of_sample);
-        self.plan.budgets.iter().map(|budget| of_sample.iter().map(|&of| seconds(budget, of)).collect()).collect()
+        let of_budget = |budget| of_sample.iter().map(|&of| seconds(budget, of)).collect();
+        Ok(self.plan.budgets.iter().map(of_budget).collect())
     }
 
     /// Converts a budget of time to samples. `None` if the stop flag is set in the meantime.
-    fn calibrated(&self, entry: &Entry, budget: Budget) -> Option<Budget> {
-        let Some(seconds) = budget.seconds() else { return Some(budget) };
+    fn calibrated(&self, entry: &Entry, budget: Budget) -> Result<Option<Budget>> {
+        let Some(seconds) = budget.seconds() else { return Ok(Some(budget)) };
         self.watch.message(&format!("{}: samples that fit into {seconds} s", entry.name));
         let points = self.view.points(self.plan.seed);
         let render = |trial: Budget| {
-            let rendering = self.view.render(entry.at(budget).0, trial, points, self.stop, &|_| {});
-            (!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds))
+            let rendering = self.view.render_by(entry.at(budget).0, trial, points, self.stop, &|_| {})?;
+            Ok((!self.stop.load(Ordering::Relaxed)).then_some((rendering.spp, rendering.seconds)))
         };
-        let Calibration { samples, off } = calibrate(seconds, render)?;
+        let Some(Calibration { samples, off }) = calibrate(seconds, render)? else { return Ok(None) };
         if let Some(taken) = off {
             self.watch.warning(&format!(
                 "{}: renderings of {seconds} s take {taken:.3} s where they were to be equally long: the machine does other things, too; its \
@@ -316,7 +322,7 @@ impl Loop<'_> {
                 entry.name
             ));
         }
-        Some(Budget::Samples(samples))
+        Ok(Some(Budget::Samples(samples)))
     }
 }
 

@@ -25,6 +25,9 @@ pub enum Error {
         /// What is wrong with it.
         reason: String,
     },
+    /// A device failed.
+    #[error("{0}")]
+    Device(String),
     /// The stop flag was set.
     #[error("interrupted {0}")]
     Interrupted(&'static str),

@@ -8,6 +8,7 @@
 //! | --- | --- |
 //! | `view.rs` | scene, camera and map of a picture, and the points of its samples |
 //! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
+//! | `renderer.rs` | what renders: the CPU or a device |
 //! | `auto.rs` | the choice of a sampler for a view |
 //! | `reference.rs` | converged pictures, their noise and their cache |
 //! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
@@ -37,6 +38,7 @@ mod preparation;
 mod quadrature;
 mod recording;
 mod reference;
+mod renderer;
 mod runner;
 mod sample_time;
 #[cfg(test)]
@@ -60,6 +62,7 @@ pub use measurement::{Environment as MeasurementEnvironment, Measurement, machin
 pub use preparation::FilePreparation;
 pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
+pub use renderer::Renderer;
 pub use runner::{Outcome, RunOptions, run};
 pub use sample_time::nanoseconds_per_sample;
 pub use store::{Record, Store, VerifiedSources};

@@ -63,7 +63,7 @@ pub fn verify(
                         continue;
                     }
                     let (taken, points) = (Budget::Samples(own.spp as u32), view.points(own.seed));
-                    let again = view.render(entry.at(budget).0, taken, points, stop, &|_| {});
+                    let again = view.render_by(entry.at(budget).0, taken, points, stop, &|_| {})?;
                     found.pictures += 1;
                     let mut change = Change::between(own, &again, &covered(&again.coverage)?);
                     if change.is_of_mean_alone() {

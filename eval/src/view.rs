@@ -16,7 +16,7 @@ use headtail_render::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::{Budget, Error, Result};
+use crate::{Budget, Error, Renderer, Result};
 
 /// A camera and the size of its picture; missing values are those of the scene's own camera.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -325,6 +325,25 @@ impl OpenedView {
     ) -> Rendering {
         let part = self.part();
         let rendering = integrator::render_part(self.view(), part, estimator, budget.into(), points, stop, progress);
+        self.lit(rendering)
+    }
+
+    /// [`Self::render`] on the CPU or on a device.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn render_by(
+        &self,
+        renderer: &dyn Renderer,
+        budget: Budget,
+        points: Points,
+        stop: &AtomicBool,
+        progress: &dyn Fn(f64),
+    ) -> Result<Rendering> {
+        Ok(self.lit(renderer.render_part((self.view(), self.part()), budget, points, stop, progress)?))
+    }
+
+    fn lit(&self, rendering: Rendering) -> Rendering {
         // Even a factor of 1 would change pictures that are not finite.
         if self.scale == Vec3A::ONE { rendering } else { rendering.lit_by(self.scale) }
     }

@@ -27,6 +27,8 @@ mod sampler;
 mod surfaces;
 
 pub use error::{Error, Result};
+#[cfg(feature = "gpu")]
+pub use headtail_shaders::gpu::{Gpu, GpuError};
 pub use points::ViewWords;
 pub use program::{BINDINGS, Binding, Program};
 #[cfg(feature = "gpu")]

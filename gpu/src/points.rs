@@ -18,6 +18,9 @@ const HEADER: usize = 28;
 const WORK: usize = 24;
 
 impl ViewWords {
+    /// Least number of words: the size of the shader's structure, whose list has an element at least.
+    pub const LEAST: usize = 32;
+
     /// Returns the words of samples `samples.0..samples.1` of a part of a view, whose light estimates take `groups`.
     ///
     /// # Panics
@@ -54,6 +57,7 @@ impl ViewWords {
                 add(points, Dimension::Path);
             }
         }
+        words.resize(words.len().max(Self::LEAST), 0);
         Self(words)
     }
 

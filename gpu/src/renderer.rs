@@ -1,7 +1,10 @@
 //! Rendering through `wgpu`.
 
 use std::{
-    sync::atomic::{AtomicBool, Ordering},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
@@ -28,33 +31,56 @@ const SAMPLES: u32 = 64;
 const FIRST_PIXELS: usize = 1 << 14;
 
 /// A program on a device.
-pub struct Renderer<'a> {
-    gpu: &'a Gpu,
+pub struct Renderer {
+    gpu: Arc<Gpu>,
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     buffers: Vec<(Binding, wgpu::Buffer)>,
     groups: Vec<LightGroup>,
 }
 
-impl<'a> Renderer<'a> {
+impl Renderer {
     /// Compiles a program and moves its buffers to a device.
     ///
     /// # Errors
     /// If a buffer is larger than the device allows, or its driver refuses the shader.
-    pub fn new(gpu: &'a Gpu, program: &Program) -> Result<Self> {
+    pub fn new(gpu: Arc<Gpu>, program: &Program) -> Result<Self> {
         let layout = layout(&gpu.device);
         let descriptor = wgpu::PipelineLayoutDescriptor { bind_group_layouts: &[Some(&layout)], ..Default::default() };
         let pipeline_layout = gpu.device.create_pipeline_layout(&descriptor);
         let pipeline = gpu.pipeline(Some(&pipeline_layout), &program.source, ENTRY);
         let buffers = vec![
-            (Binding::Floats, filled(gpu, "the sampler", &program.floats)?),
-            (Binding::Integers, filled(gpu, "the sampler", &program.integers)?),
-            (Binding::Geometry, filled(gpu, "the scene's triangles", &program.geometry)?),
-            (Binding::Surfaces, filled(gpu, "the scene's surfaces", &program.surfaces)?),
-            (Binding::Texels, filled(gpu, "the map", &program.texels)?),
+            (Binding::Floats, filled(&gpu, "the sampler", &program.floats)?),
+            (Binding::Integers, filled(&gpu, "the sampler", &program.integers)?),
+            (Binding::Geometry, filled(&gpu, "the scene's triangles", &program.geometry)?),
+            (Binding::Surfaces, filled(&gpu, "the scene's surfaces", &program.surfaces)?),
+            (Binding::Texels, filled(&gpu, "the map", &program.texels)?),
         ];
         gpu.check()?;
-        Ok(Self { gpu, pipeline, layout, buffers, groups: program.groups.clone() })
+        let renderer = Self { gpu, pipeline, layout, buffers, groups: program.groups.clone() };
+        renderer.compile()?;
+        Ok(renderer)
+    }
+
+    /// Dispatches no pixels: some drivers compile a shader when it is first used, which is preparation.
+    fn compile(&self) -> Result<()> {
+        let film = self.gpu.buffer("the picture", 16)?;
+        let view = self.gpu.buffer("the numbers of samples", 4 * ViewWords::LEAST as u64)?;
+        self.gpu.submit(&self.pipeline, &self.bind(&film, &view), [1, 1]);
+        wait(&self.gpu)
+    }
+
+    fn bind(&self, film: &wgpu::Buffer, view: &wgpu::Buffer) -> wgpu::BindGroup {
+        let kept = |binding| &self.buffers.iter().find(|(own, _)| *own == binding).expect("all others are kept").1;
+        let buffer = |binding: Binding| match binding {
+            Binding::Film => film,
+            Binding::View => view,
+            _ => kept(binding),
+        };
+        let entry = |(binding, own)| wgpu::BindGroupEntry { binding, resource: buffer(own).as_entire_binding() };
+        let entries: Vec<_> = (0..).zip(BINDINGS).map(entry).collect();
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.layout, entries: &entries };
+        self.gpu.device.create_bind_group(&descriptor)
     }
 
     /// Renders a part of a view until the budget is spent or `stop` is set, as
@@ -115,7 +141,7 @@ impl<'a> Renderer<'a> {
 
 /// A picture in progress.
 struct Work<'a> {
-    renderer: &'a Renderer<'a>,
+    renderer: &'a Renderer,
     view: &'a View<'a>,
     part: Part,
     film: &'a wgpu::Buffer,
@@ -127,20 +153,11 @@ struct Work<'a> {
 impl Work<'_> {
     /// Adds samples to every pixel, in pieces that are short enough.
     fn add(&mut self, samples: (u32, u32)) -> Result<()> {
-        let Self { renderer: Renderer { gpu, pipeline, layout, buffers, groups }, view, part, film, points, .. } = *self;
+        let Self { renderer, view, part, film, points, .. } = *self;
+        let Renderer { gpu, pipeline, groups, .. } = renderer;
         let mut words = ViewWords::new(view, part, points, samples, groups);
         let view_buffer = gpu.buffer("the numbers of samples", size_of_val(words.words()) as u64)?;
-        let resource = |binding: Binding| match binding {
-            Binding::Film => film.as_entire_binding(),
-            Binding::View => view_buffer.as_entire_binding(),
-            _ => buffers.iter().find(|(own, _)| *own == binding).expect("all others are kept").1.as_entire_binding(),
-        };
-        let entries: Vec<_> = (0..)
-            .zip(BINDINGS)
-            .map(|(binding, own)| wgpu::BindGroupEntry { binding, resource: resource(own) })
-            .collect();
-        let descriptor = wgpu::BindGroupDescriptor { label: None, layout, entries: &entries };
-        let bound = gpu.device.create_bind_group(&descriptor);
+        let bound = renderer.bind(film, &view_buffer);
         let mut row = 0;
         let start = Instant::now();
         while row < part.height {

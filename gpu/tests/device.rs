@@ -1,7 +1,6 @@
 //! Pictures of a device (Mesa's software adapter if there is no other) match those of the CPU for the same points.
 
 use std::{
-    path::Path,
     sync::{Arc, atomic::AtomicBool},
 };
 
@@ -23,10 +22,10 @@ const HEIGHT: usize = 30;
 const SAMPLES: u32 = 8;
 /// Pixels that differ by more than [`NEAR`] of their value: rays that rounding moves across an edge, and draws that it
 /// moves across a border of patches or a lobe. A pixel has 8 samples of up to 12 draws.
-const APART: f64 = 0.12;
+const APART: f64 = 0.02;
 const NEAR: f32 = 1e-3;
 /// Largest difference of the mean over all pixels: differing samples are as good as new ones, and few.
-const MEAN: f64 = 1e-2;
+const MEAN: f64 = 1e-3;
 
 struct Case {
     scene: &'static str,
@@ -67,7 +66,7 @@ impl Case {
         format!("{spec} on {scene} under {map}, {}, depth {depth}", material.unwrap_or("own materials"))
     }
 
-    fn check(&self, gpu: &Gpu) -> Result<(), Failed> {
+    fn check(&self, gpu: Arc<Gpu>) -> Result<(), Failed> {
         let environment = Arc::new(Environment::open(self.map)?);
         let mut scene = Scene::open(self.scene)?;
         if let Some(material) = self.material {
@@ -117,10 +116,8 @@ fn main() {
     let arguments = Arguments::from_args();
     let trials = CASES.iter().map(|case| {
         Trial::test(case.name(), move || {
-            let gpu = Gpu::open()?;
-            case.check(&gpu)
+            case.check(Arc::new(Gpu::open()?))
         })
     });
-    let _ = Path::new("");
     libtest_mimic::run(&arguments, trials.collect()).exit();
 }
