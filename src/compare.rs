@@ -3,9 +3,12 @@
 mod running;
 mod samplers;
 
+pub use samplers::SamplerList;
+
 use std::{
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
 };
 
 use anyhow::{Context, Result, bail, ensure};
@@ -13,13 +16,13 @@ use clap::Args;
 use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
 use headtail_render::{file, image::write_exr, memory, spec::SamplerSpec};
 use running::{RunningComparison, names_of, stems_of};
-use samplers::SamplerList;
 
 use crate::terminal::{self, say};
 use crate::{
     arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
-    given::given,
+    device::{DEVICES, Device, GraphicsDevice},
+    given::{given, one_of},
     light::LightArguments,
     output::OutputFolder,
     progress,
@@ -51,6 +54,9 @@ pub struct Arguments {
     /// Each sampler is timed first, then takes the number of samples that fits.
     #[arg(long, value_name = "T,...", value_delimiter = ',')]
     seconds: Vec<f64>,
+    /// What renders; the reference is always rendered on the CPU.
+    #[arg(long, default_value = "cpu", value_parser = one_of(&DEVICES))]
+    device: Device,
     /// Runs per sampler and budget, each with its own seed.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     runs: u32,
@@ -92,6 +98,7 @@ impl Arguments {
             samplers: vec![SamplerList(samplers)],
             spp,
             seconds,
+            device: Device::Cpu,
             runs: 3,
             seed: 1,
             reference: None,
@@ -134,10 +141,11 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     // The reference and its halves; for each sampler and budget, the first picture and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
     let stop = progress::stop_flag()?;
+    let device = (arguments.device == Device::Gpu).then(|| GraphicsDevice::open(&opened)).transpose()?;
     let mut entries = Vec::new();
     let mut preparation = Vec::new();
     for spec in specs {
-        let (entry, prepared) = prepare(spec, &opened, &budgets, &stop)?;
+        let (entry, prepared) = prepare(spec, device.as_ref(), (&opened, &budgets, &stop))?;
         entries.push(entry);
         preparation.push(prepared);
     }
@@ -164,7 +172,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
         width: opened.part().width,
         height: opened.part().height,
         command: terminal::command(),
-        machine: machine(),
+        machine: device.as_ref().map_or_else(machine, GraphicsDevice::name),
         version: env!("CARGO_PKG_VERSION").to_owned(),
         reference: reference.image.clone(),
         measured: reference.covered.clone(),
@@ -255,16 +263,22 @@ fn check_different(what: &str, names: impl Iterator<Item = String>) -> Result<()
 /// Opens a sampler and measures its preparation, including the times recorded in its files.
 fn prepare(
     spec: &SamplerSpec,
-    opened: &OpenedView,
-    budgets: &[Budget],
-    stop: &AtomicBool,
+    device: Option<&GraphicsDevice>,
+    (opened, budgets, stop): (&OpenedView, &[Budget], &AtomicBool),
 ) -> Result<(Entry, Preparation)> {
     let sampler = spec.to_string();
     note_use(spec)?;
     note_surfaces(spec, opened)?;
     let FilePreparation { seconds, text } = FilePreparation::of(spec)?;
     let busy = progress::busy(&sampler);
-    let entry = Entry::open(&sampler, spec, seconds, (opened, budgets, stop))?;
+    let entry = match device {
+        Some(device) => {
+            let start = Instant::now();
+            let renderer = device.renderer(spec)?;
+            Entry::of_renderer(&sampler, renderer, seconds + start.elapsed().as_secs_f64())
+        }
+        None => Entry::open(&sampler, spec, seconds, (opened, budgets, stop))?,
+    };
     drop(busy);
     let preparation = Preparation { sampler, seconds: entry.preparation(), text };
     Ok((entry, preparation))

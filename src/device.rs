@@ -18,32 +18,36 @@ pub enum Device {
 pub const DEVICES: [(Device, &str, &str); 2] =
     [(Device::Cpu, "cpu", "All threads of the CPU"), (Device::Gpu, "gpu", "The fastest Vulkan, Metal or DX12 adapter")];
 
-/// An open graphics device.
+/// An open graphics device, and a view's scene and map for it.
 #[cfg(feature = "gpu")]
-pub struct GraphicsDevice(std::sync::Arc<headtail_gpu::Gpu>);
+pub struct GraphicsDevice {
+    gpu: std::sync::Arc<headtail_gpu::Gpu>,
+    scene: headtail_gpu::LitScene,
+}
 
 #[cfg(feature = "gpu")]
 impl GraphicsDevice {
-    /// Opens the fastest adapter.
+    /// Opens the fastest adapter for a view.
     ///
     /// # Errors
-    /// If there is none.
-    pub fn open() -> Result<Self> {
-        Ok(Self(std::sync::Arc::new(headtail_gpu::Gpu::open()?)))
+    /// If there is none, or the shaders do not cover the scene.
+    pub fn open(view: &OpenedView) -> Result<Self> {
+        let scene = headtail_gpu::LitScene::new(view.scene(), view.environment.clone())?;
+        Ok(Self { gpu: std::sync::Arc::new(headtail_gpu::Gpu::open()?), scene })
     }
 
-    /// Prepares a sampler for a view.
+    /// Prepares a sampler.
     ///
     /// # Errors
-    /// If the shaders do not cover the scene or the sampler, or the device fails.
-    pub fn renderer(&self, view: &OpenedView, spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
-        let program = headtail_gpu::Program::new(view.scene(), &view.environment, spec)?;
-        Ok(Box::new(OnDevice(headtail_gpu::Renderer::new(self.0.clone(), &program)?)))
+    /// If the shaders do not have it, or the device fails.
+    pub fn renderer(&self, spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
+        let program = headtail_gpu::Program::new(&self.scene, spec)?;
+        Ok(Box::new(OnDevice(headtail_gpu::Renderer::new(self.gpu.clone(), &self.scene, &program)?)))
     }
 
     /// Returns the names of adapter and driver.
     pub fn name(&self) -> String {
-        self.0.to_string()
+        self.gpu.to_string()
     }
 }
 
@@ -72,11 +76,11 @@ pub enum GraphicsDevice {}
 #[cfg(not(feature = "gpu"))]
 impl GraphicsDevice {
     /// Fails.
-    pub fn open() -> Result<Self> {
+    pub fn open(_view: &OpenedView) -> Result<Self> {
         anyhow::bail!("--device gpu: this program was built without graphics devices; build it with --features gpu")
     }
 
-    pub fn renderer(&self, _view: &OpenedView, _spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
+    pub fn renderer(&self, _spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
         match *self {}
     }
 

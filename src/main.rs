@@ -12,6 +12,7 @@
 //! | `fit_material.rs`, `check_material.rs`, `material.rs`, `fit_rival.rs` | materials |
 //! | `device.rs` | pictures by the CPU or a graphics device |
 //! | `render.rs`, `compare.rs`, `compare/`, `chart.rs`, `scenes.rs` | pictures and comparisons |
+//! | `live/` | a page that renders by WebGPU |
 //! | `composite/`, `view.rs` | photographs |
 //! | `inspect/`, `info.rs` | the contents of files |
 //! | `autosize/`, `sweep/`, `stability/`, `backends.rs`, `paper/` | measuring many samplers |
@@ -39,6 +40,7 @@ mod given;
 mod info;
 mod inspect;
 mod light;
+mod live;
 mod material;
 mod output;
 mod paper;
@@ -89,6 +91,7 @@ enum Command {
     Stability(stability::Arguments),
     Composite(composite::Arguments),
     View(view::Arguments),
+    Live(live::Arguments),
     Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
@@ -143,6 +146,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Stability(arguments) => stability::run(&arguments),
         Command::Composite(arguments) => composite::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
+        Command::Live(arguments) => live::run(&arguments),
         Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),

@@ -106,12 +106,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
-    let device = (arguments.device == Device::Gpu).then(GraphicsDevice::open).transpose()?;
+    let device = (arguments.device == Device::Gpu).then(|| GraphicsDevice::open(&opened)).transpose()?;
     let start = Instant::now();
     let Prepared { sampler, renderer, choice } = match &device {
         Some(device) => {
             let (sampler, choice) = (arguments.sampler.clone(), None);
-            Prepared { renderer: device.renderer(&opened, &sampler)?, sampler, choice }
+            Prepared { renderer: device.renderer(&sampler)?, sampler, choice }
         }
         None => prepared(&arguments.sampler, &opened, budget, &stop)?,
     };

@@ -1,7 +1,7 @@
 //! headtail's integrator for graphics devices: paths of `headtail_render::integrator` in WGSL, around the samplers of
 //! [`headtail_shaders`].
 //!
-//! A [`Program`] is the shader of a scene, a map and a sampler with the buffers that it reads. Its pictures are those of
+//! A [`Program`] is the shader of a sampler in a [`LitScene`], a scene under a map. Its pictures are those of
 //! `headtail_render::integrator::render` for the same points, but for rounding. What the shaders do not cover is an error
 //! that names it.
 //!
@@ -30,6 +30,6 @@ pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
 pub use headtail_shaders::gpu::{Gpu, GpuError};
 pub use points::ViewWords;
-pub use program::{BINDINGS, Binding, Program};
+pub use program::{BINDINGS, Binding, LitScene, Program};
 #[cfg(feature = "gpu")]
 pub use renderer::Renderer;

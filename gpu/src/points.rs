@@ -66,6 +66,11 @@ impl ViewWords {
         self.0[WORK] = row;
     }
 
+    /// Returns the words of the samples' numbers alone.
+    pub fn numbers(&self) -> &[u32] {
+        &self.0[HEADER..]
+    }
+
     /// Returns the words.
     pub fn words(&self) -> &[u32] {
         &self.0

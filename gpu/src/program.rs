@@ -1,4 +1,4 @@
-//! The whole shader of a scene, a map and a sampler, with its buffers.
+//! Scenes under maps, and the whole shader of a sampler there, with the buffers that they read.
 
 use std::{fmt::Write, sync::Arc};
 
@@ -28,11 +28,11 @@ pub enum Binding {
     Floats,
     /// [`Program::integers`].
     Integers,
-    /// [`Program::geometry`].
+    /// [`LitScene::geometry`].
     Geometry,
-    /// [`Program::surfaces`].
+    /// [`LitScene::surfaces`].
     Surfaces,
-    /// [`Program::texels`].
+    /// [`LitScene::texels`].
     Texels,
     /// The film: three vectors of four numbers for each pixel of the part, to which samples are added: light from
     /// surfaces and number of shadow rays; background and number of camera rays that hit; largest luminance of a
@@ -53,7 +53,43 @@ pub const BINDINGS: [Binding; 7] = [
     Binding::View,
 ];
 
-/// The shader of a scene, a map and a sampler, and the buffers that it reads.
+/// A scene under a map, for the programs of any number of samplers.
+#[derive(Clone, Debug)]
+pub struct LitScene {
+    geometry: Geometry,
+    surfaces: Surfaces,
+    environment: Arc<Environment>,
+    texels: Vec<f32>,
+}
+
+impl LitScene {
+    /// Flattens a scene and a map.
+    ///
+    /// # Errors
+    /// If the shaders do not cover a material or alpha masks, or the scene is too large.
+    pub fn new(scene: &Scene, environment: Arc<Environment>) -> Result<Self> {
+        let faces: Vec<_> = scene.flat_faces().collect();
+        let (geometry, surfaces) = (Geometry::build(&faces)?, Surfaces::new(scene, &faces)?);
+        Ok(Self { geometry, surfaces, texels: map::texels(&environment), environment })
+    }
+
+    /// Hierarchy and triangles.
+    pub fn geometry(&self) -> &[[f32; 4]] {
+        &self.geometry.numbers
+    }
+
+    /// Attributes, materials and textures.
+    pub fn surfaces(&self) -> &[u32] {
+        &self.surfaces.words
+    }
+
+    /// Radiance of the map, three numbers per texel.
+    pub fn texels(&self) -> &[f32] {
+        &self.texels
+    }
+}
+
+/// The shader of a sampler in a scene, and the buffers that it reads beside those of the scene.
 #[derive(Clone, Debug)]
 pub struct Program {
     /// The WGSL source.
@@ -62,25 +98,18 @@ pub struct Program {
     pub floats: Vec<f32>,
     /// Integers of the sampler.
     pub integers: Vec<u32>,
-    /// Hierarchy and triangles.
-    pub geometry: Vec<[f32; 4]>,
-    /// Attributes, materials and textures.
-    pub surfaces: Vec<u32>,
-    /// Radiance of the map, three numbers per texel.
-    pub texels: Vec<f32>,
     /// The groups of numbers of a light estimate.
     pub groups: Vec<LightGroup>,
 }
 
 impl Program {
-    /// Makes the program of a sampler for a scene under a map.
+    /// Makes the program of a sampler.
     ///
     /// # Errors
-    /// If the shaders do not cover the scene or the SPEC, or the SPEC's file is for another map.
-    pub fn new(scene: &Scene, environment: &Arc<Environment>, spec: &SamplerSpec) -> Result<Self> {
+    /// If the shaders do not have the SPEC, or its file is for another map.
+    pub fn new(scene: &LitScene, spec: &SamplerSpec) -> Result<Self> {
+        let LitScene { geometry, surfaces, environment, .. } = scene;
         let sampler = DeviceSampler::new(spec, environment)?;
-        let faces: Vec<_> = scene.flat_faces().collect();
-        let (geometry, surfaces) = (Geometry::build(&faces)?, Surfaces::new(scene, &faces)?);
         let groups = sampler.groups();
         let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays)?;
         let constants = [
@@ -108,7 +137,6 @@ impl Program {
         // Buffers cannot be empty.
         floats.extend(floats.is_empty().then_some(0.0));
         integers.extend(integers.is_empty().then_some(0));
-        let (geometry, surfaces) = (geometry.numbers, surfaces.words);
-        Ok(Self { source, floats, integers, geometry, surfaces, texels: map::texels(environment), groups })
+        Ok(Self { source, floats, integers, groups })
     }
 }

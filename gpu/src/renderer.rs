@@ -20,7 +20,7 @@ use wgpu::{BufferBindingType, ShaderStages};
 use crate::{
     error::{Error, Result},
     points::{LightGroup, ViewWords},
-    program::{BINDINGS, Binding, ENTRY, GROUP, OF_PIXEL, Program},
+    program::{BINDINGS, Binding, ENTRY, GROUP, LitScene, OF_PIXEL, Program},
 };
 
 /// Seconds of a dispatch that drivers and desktops tolerate.
@@ -40,11 +40,11 @@ pub struct Renderer {
 }
 
 impl Renderer {
-    /// Compiles a program and moves its buffers to a device.
+    /// Compiles a program and moves the buffers to a device.
     ///
     /// # Errors
     /// If a buffer is larger than the device allows, or its driver refuses the shader.
-    pub fn new(gpu: Arc<Gpu>, program: &Program) -> Result<Self> {
+    pub fn new(gpu: Arc<Gpu>, scene: &LitScene, program: &Program) -> Result<Self> {
         let layout = layout(&gpu.device);
         let descriptor = wgpu::PipelineLayoutDescriptor { bind_group_layouts: &[Some(&layout)], ..Default::default() };
         let pipeline_layout = gpu.device.create_pipeline_layout(&descriptor);
@@ -52,9 +52,9 @@ impl Renderer {
         let buffers = vec![
             (Binding::Floats, filled(&gpu, "the sampler", &program.floats)?),
             (Binding::Integers, filled(&gpu, "the sampler", &program.integers)?),
-            (Binding::Geometry, filled(&gpu, "the scene's triangles", &program.geometry)?),
-            (Binding::Surfaces, filled(&gpu, "the scene's surfaces", &program.surfaces)?),
-            (Binding::Texels, filled(&gpu, "the map", &program.texels)?),
+            (Binding::Geometry, filled(&gpu, "the scene's triangles", scene.geometry())?),
+            (Binding::Surfaces, filled(&gpu, "the scene's surfaces", scene.surfaces())?),
+            (Binding::Texels, filled(&gpu, "the map", scene.texels())?),
         ];
         gpu.check()?;
         let renderer = Self { gpu, pipeline, layout, buffers, groups: program.groups.clone() };

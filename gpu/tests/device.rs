@@ -5,7 +5,7 @@ use std::{
 };
 
 use glam::Vec3A;
-use headtail_gpu::{Program, Renderer};
+use headtail_gpu::{LitScene, Program, Renderer};
 use headtail_render::{
     environment::Environment,
     image::Image,
@@ -82,8 +82,8 @@ impl Case {
         let (points, stop) = (Points::new(PointSet::LATTICE, 3), AtomicBool::new(false));
         let estimator = spec.build(&environment)?;
         let expected = integrator::render(view, &*estimator, Budget::Spp(SAMPLES), points, &stop, &|_| {});
-        let program = Program::new(&scene, &environment, &spec)?;
-        let renderer = Renderer::new(gpu, &program)?;
+        let lit = LitScene::new(&scene, environment.clone())?;
+        let renderer = Renderer::new(gpu, &lit, &Program::new(&lit, &spec)?)?;
         let found = renderer.render(&view, view.whole(), Budget::Spp(SAMPLES), points, &stop, &|_| {})?;
         compare(&found, &expected)
     }
