@@ -23,8 +23,8 @@ use crate::terminal::{self, say};
 use crate::{
     arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
-    exposure,
     device::{DEVICES, Device, GraphicsDevice},
+    exposure,
     given::{given, one_of},
     light::LightArguments,
     output::OutputFile,

@@ -21,6 +21,7 @@ const COUNT: u32 = 24;
 /// Flags of triangles.
 const SINGLE_SIDED: u32 = 1;
 const COPIED: u32 = 2;
+const MASKED: u32 = 4;
 /// Triangles per leaf: a node costs about as much as this many triangles.
 const PER_LEAF: f32 = 2.0;
 
@@ -88,6 +89,7 @@ impl Geometry {
             let face = &faces[number as usize];
             let flag = |is: bool, flag: u32| if is { flag } else { 0 };
             let flags = flag(face.is_single_sided, SINGLE_SIDED) | flag(face.is_copied, COPIED);
+            let flags = flags | flag(face.mask.is_some(), MASKED);
             let words = [f32::from_bits(number), f32::from_bits(flags), 0.0];
             numbers.extend(face.corners.iter().zip(words).map(|(p, word)| [p.x, p.y, p.z, word]));
         }

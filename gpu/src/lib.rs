@@ -30,6 +30,6 @@ pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
 pub use headtail_shaders::gpu::{Gpu, GpuError};
 pub use points::ViewWords;
-pub use program::{BINDINGS, Binding, LitScene, Program};
+pub use program::{BINDINGS, Binding, ENTRY_POINT, FILM_VECTORS, LitScene, Program, WORKGROUP_SIDE};
 #[cfg(feature = "gpu")]
 pub use renderer::Renderer;

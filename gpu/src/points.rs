@@ -5,9 +5,6 @@ use headtail_render::{
     points::{CommonNumbers, Dimension, Points},
 };
 
-/// Technique and number of a direction of a light estimate, of how many.
-pub type LightGroup = (u32, u32, u32);
-
 /// The content of `headtail_view`: what a dispatch renders.
 #[derive(Clone, Debug)]
 pub struct ViewWords(Vec<u32>);
@@ -25,7 +22,7 @@ impl ViewWords {
     ///
     /// # Panics
     /// If the points are not those of a lattice.
-    pub fn new(view: &View<'_>, part: Part, points: Points, samples: (u32, u32), groups: &[LightGroup]) -> Self {
+    pub fn new(view: &View<'_>, part: Part, points: Points, samples: (u32, u32), groups: &[Dimension]) -> Self {
         let camera = view.camera;
         let (to_world, principal) = (camera.to_world(), camera.principal_point());
         let axes = to_world.matrix3;
@@ -51,9 +48,7 @@ impl ViewWords {
             add(points, Dimension::Camera);
             for bounce in 0..depth {
                 let points = points.at_bounce(bounce);
-                for &(technique, index, of) in groups {
-                    add(points, Dimension::of_several(technique, index, of));
-                }
+                groups.iter().for_each(|&group| add(points, group));
                 add(points, Dimension::Path);
             }
         }

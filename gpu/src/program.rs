@@ -2,10 +2,10 @@
 
 use std::{fmt::Write, sync::Arc};
 
-use headtail_render::{environment::Environment, scene::Scene, spec::SamplerSpec};
+use headtail_render::{environment::Environment, points::Dimension, scene::Scene, spec::SamplerSpec};
 use headtail_shaders::{BRDF, Shader};
 
-use crate::{error::Result, geometry::Geometry, map, points::LightGroup, sampler::DeviceSampler, surfaces::Surfaces};
+use crate::{error::Result, geometry::Geometry, map, sampler::DeviceSampler, surfaces::Surfaces};
 
 const POINTS: &str = include_str!("../wgsl/points.wgsl");
 const RAYS: &str = include_str!("../wgsl/rays.wgsl");
@@ -15,11 +15,11 @@ const REFLECTION: &str = include_str!("../wgsl/reflection.wgsl");
 const PATH: &str = include_str!("../wgsl/path.wgsl");
 
 /// The compute shader's entry point: one invocation per pixel, in workgroups of 8 x 8.
-pub const ENTRY: &str = "headtail_render";
+pub const ENTRY_POINT: &str = "headtail_render";
 /// Pixels along a side of a workgroup.
-pub const GROUP: u32 = 8;
+pub const WORKGROUP_SIDE: u32 = 8;
 /// Vectors of four numbers for each pixel of the film.
-pub const OF_PIXEL: usize = 3;
+pub const FILM_VECTORS: usize = 3;
 
 /// A storage buffer of the shader, in the order of the bindings of group 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +99,7 @@ pub struct Program {
     /// Integers of the sampler.
     pub integers: Vec<u32>,
     /// The groups of numbers of a light estimate.
-    pub groups: Vec<LightGroup>,
+    pub groups: Vec<Dimension>,
 }
 
 impl Program {
@@ -122,7 +122,7 @@ impl Program {
             ("SRGB", surfaces.srgb),
             ("MAP_WIDTH", environment.width()),
             ("MAP_HEIGHT", environment.height()),
-            ("DIRECTIONS", sampler.directions as usize),
+            ("DIRECTIONS", sampler.directions() as usize),
             ("LIGHT_GROUPS", groups.len()),
         ];
         for (name, value) in constants {

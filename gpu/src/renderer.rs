@@ -12,15 +12,15 @@ use bytemuck::Pod;
 use headtail_render::{
     image::Image,
     integrator::{Budget, Part, Rendering, View},
-    points::{PointSet, Points},
+    points::{Dimension, PointSet, Points},
 };
 use headtail_shaders::gpu::{Gpu, GpuError};
 use wgpu::{BufferBindingType, ShaderStages};
 
 use crate::{
     error::{Error, Result},
-    points::{LightGroup, ViewWords},
-    program::{BINDINGS, Binding, ENTRY, GROUP, LitScene, OF_PIXEL, Program},
+    points::ViewWords,
+    program::{BINDINGS, Binding, ENTRY_POINT, FILM_VECTORS, LitScene, Program, WORKGROUP_SIDE},
 };
 
 /// Seconds of a dispatch that drivers and desktops tolerate.
@@ -36,7 +36,7 @@ pub struct Renderer {
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
     buffers: Vec<(Binding, wgpu::Buffer)>,
-    groups: Vec<LightGroup>,
+    groups: Vec<Dimension>,
 }
 
 impl Renderer {
@@ -48,7 +48,7 @@ impl Renderer {
         let layout = layout(&gpu.device);
         let descriptor = wgpu::PipelineLayoutDescriptor { bind_group_layouts: &[Some(&layout)], ..Default::default() };
         let pipeline_layout = gpu.device.create_pipeline_layout(&descriptor);
-        let pipeline = gpu.pipeline(Some(&pipeline_layout), &program.source, ENTRY);
+        let pipeline = gpu.pipeline(Some(&pipeline_layout), &program.source, ENTRY_POINT);
         let buffers = vec![
             (Binding::Floats, filled(&gpu, "the sampler", &program.floats)?),
             (Binding::Integers, filled(&gpu, "the sampler", &program.integers)?),
@@ -102,7 +102,7 @@ impl Renderer {
             return Err(Error::NotCovered { what, instead: "choose --points lattice" });
         }
         let start = Instant::now();
-        let film = self.gpu.buffer("the picture", (16 * OF_PIXEL * part.width * part.height) as u64)?;
+        let film = self.gpu.buffer("the picture", (16 * FILM_VECTORS * part.width * part.height) as u64)?;
         let mut work = Work { renderer: self, view, part, film: &film, points, seconds_per_sample: None };
         let mut spp = 0;
         if let Budget::Spp(total) = budget {
@@ -134,7 +134,7 @@ impl Renderer {
                 break;
             }
         }
-        let pixels = self.gpu.read::<[[f32; 4]; OF_PIXEL]>(&film, 0, part.width * part.height)?;
+        let pixels = self.gpu.read::<[[f32; 4]; FILM_VECTORS]>(&film, 0, part.width * part.height)?;
         Ok(resolve(&pixels, part, work.points.set(), spp, start.elapsed().as_secs_f64()))
     }
 }
@@ -164,7 +164,7 @@ impl Work<'_> {
             let rows = self.rows_at_once(samples.1 - samples.0).min(part.height - row);
             words.set_first_row(row as u32);
             gpu.queue.write_buffer(&view_buffer, 0, bytemuck::cast_slice(words.words()));
-            let groups = [part.width as u32, rows as u32].map(|pixels| pixels.div_ceil(GROUP));
+            let groups = [part.width as u32, rows as u32].map(|pixels| pixels.div_ceil(WORKGROUP_SIDE));
             let begun = Instant::now();
             gpu.submit(pipeline, &bound, groups);
             wait(gpu)?;
@@ -193,7 +193,7 @@ impl Work<'_> {
             None => FIRST_PIXELS as f64,
         };
         let rows = (at_once / self.part.width as f64) as usize;
-        (rows / GROUP as usize).max(1) * GROUP as usize
+        (rows / WORKGROUP_SIDE as usize).max(1) * WORKGROUP_SIDE as usize
     }
 }
 
@@ -228,7 +228,7 @@ fn filled<T: Pod>(gpu: &Gpu, what: &'static str, content: &[T]) -> Result<wgpu::
 }
 
 /// Divides the film by the number of samples.
-fn resolve(pixels: &[[[f32; 4]; OF_PIXEL]], part: Part, points: PointSet, spp: u32, seconds: f64) -> Rendering {
+fn resolve(pixels: &[[[f32; 4]; FILM_VECTORS]], part: Part, points: PointSet, spp: u32, seconds: f64) -> Rendering {
     let Part { width, height, .. } = part;
     let image = |of: usize| Image {
         width,

@@ -7,21 +7,20 @@ use headtail_render::{
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
     flat::FlatArray,
     head::Condition,
+    points::Dimension,
     sampler::{EmitterSampler, EnvironmentLight},
     spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility},
     tail::TailKind,
 };
 
-use crate::{
-    error::{Error, Result},
-    points::LightGroup,
-};
+use crate::error::{Error, Result};
 
 const BRDF_ALONE: &str = include_str!("../wgsl/brdf_alone.wgsl");
 const SOURCE_ALONE: &str = include_str!("../wgsl/source_alone.wgsl");
 const ONE_SAMPLE_MIS: &str = include_str!("../wgsl/one_sample_mis.wgsl");
 const MEAN: &str = include_str!("../wgsl/mean.wgsl");
 const TWO_SAMPLE_MIS: &str = include_str!("../wgsl/two_sample_mis.wgsl");
+const RIS: &str = include_str!("../wgsl/ris.wgsl");
 const OWN_WEIGHT: &str = include_str!("../wgsl/own_weight.wgsl");
 const HALF_WEIGHT: &str = include_str!("../wgsl/half_weight.wgsl");
 
@@ -31,9 +30,7 @@ pub struct DeviceSampler {
     pub arrays: Vec<FlatArray>,
     /// WGSL with `headtail_estimate`.
     pub sources: Vec<&'static str>,
-    /// Number of directions, or of pairs of them.
-    pub directions: u32,
-    is_pairs: bool,
+    combiner: Combiner,
 }
 
 impl DeviceSampler {
@@ -46,12 +43,10 @@ impl DeviceSampler {
         if *spec.visibility() != Visibility::None {
             return Err(not_covered("leave out +vis: split:4:patches, for example"));
         }
-        let (directions, is_pairs) = match spec.combiner() {
-            Combiner::One => (1, false),
-            Combiner::Split(directions) => (directions, false),
-            Combiner::TwoSampleMis(pairs) => (pairs, true),
-            Combiner::Ris(_) => return Err(not_covered("choose mis2-comp or patches")),
-        };
+        let combiner = spec.combiner();
+        if matches!(combiner, Combiner::Ris(_)) && environment.has_extreme_lamps() {
+            return Err(not_covered("under a map with such lamps, choose mis2-comp or patches"));
+        }
         let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
         let (arrays, mut is_mixed, has_own_weight) = match spec.source() {
             Source::Brdf | Source::Cosine => (Vec::new(), false, false),
@@ -75,20 +70,42 @@ impl DeviceSampler {
         };
         is_mixed |= spec.companion() == Companion::Brdf;
         let weight = if has_own_weight { OWN_WEIGHT } else { HALF_WEIGHT };
-        let sources = match (is_pairs, arrays.is_empty(), is_mixed) {
-            (true, ..) => vec![SOURCE_ALONE, TWO_SAMPLE_MIS],
-            (false, true, _) => vec![BRDF_ALONE, MEAN],
-            (false, false, false) => vec![SOURCE_ALONE, MEAN],
-            (false, false, true) => vec![weight, ONE_SAMPLE_MIS, MEAN],
+        let mut sources = match (arrays.is_empty(), is_mixed) {
+            (true, _) => vec![BRDF_ALONE],
+            (false, false) => vec![SOURCE_ALONE],
+            (false, true) => vec![weight, ONE_SAMPLE_MIS],
         };
-        Ok(Self { arrays, sources, directions, is_pairs })
+        sources.push(match combiner {
+            Combiner::One | Combiner::Split(_) => MEAN,
+            Combiner::TwoSampleMis(_) => TWO_SAMPLE_MIS,
+            Combiner::Ris(_) => RIS,
+        });
+        Ok(Self { arrays, sources, combiner })
+    }
+
+    /// Returns the number of directions, of pairs of them, or of candidates.
+    pub fn directions(&self) -> u32 {
+        match self.combiner {
+            Combiner::One => 1,
+            Combiner::Split(count) | Combiner::TwoSampleMis(count) | Combiner::Ris(count) => count,
+        }
     }
 
     /// Returns the groups of numbers of a light estimate, in the order in which it reads them.
-    pub fn groups(&self) -> Vec<LightGroup> {
-        let techniques = if self.is_pairs { 2 } else { 1 };
-        let of_index = |index| (0..techniques).map(move |technique| (technique, index, self.directions));
-        (0..self.directions).flat_map(of_index).collect()
+    pub fn groups(&self) -> Vec<Dimension> {
+        let count = self.directions();
+        let candidate = |index: u32| {
+            let (technique, of) = if index % 2 == 0 { (0, count - count / 2) } else { (1, count / 2) };
+            Dimension::Candidate { technique, index: index / 2, of }
+        };
+        let pair = |index| [0, 1].map(|technique| Dimension::of_several(technique, index, count));
+        match self.combiner {
+            Combiner::One | Combiner::Split(_) => {
+                (0..count).map(|index| Dimension::of_several(0, index, count)).collect()
+            }
+            Combiner::TwoSampleMis(_) => (0..count).flat_map(pair).collect(),
+            Combiner::Ris(_) => (0..count).map(candidate).collect(),
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use headtail_render::{
     brdf::flat_lobe_albedo,
     color::srgb_decode,
     flat::FlatNumbers,
-    scene::{FlatFace, Filter, Material, Scene, Texture, TexturedMetallicRoughness, Wrap},
+    scene::{Filter, FlatFace, FlatMask, Material, Scene, Texture, TexturedMetallicRoughness, Wrap},
 };
 
 use crate::error::{Error, Result};
@@ -18,6 +18,8 @@ const NONE: u32 = u32::MAX;
 const DIFFUSE: u32 = 0;
 const MIRROR: u32 = 1;
 const METALLIC_ROUGHNESS: u32 = 2;
+/// Words of a face.
+const OF_FACE: usize = 10;
 /// Words of a material, and the places of its textures and its emission in them.
 const OF_MATERIAL: usize = 16;
 const COLOR_TEXTURE: usize = 10;
@@ -42,19 +44,18 @@ pub struct Surfaces {
     /// Whether anything emits light.
     pub is_emissive: bool,
     textures: HashMap<*const Texture, u32>,
+    /// The place of each mesh's mask.
+    masks: Vec<u32>,
 }
 
 impl Surfaces {
     /// Flattens the surfaces of a scene, whose faces are given.
     ///
     /// # Errors
-    /// If devices do not have a material, alpha masks, or room for the words.
+    /// If devices do not have a material, or room for the words.
     pub fn new(scene: &Scene, faces: &[FlatFace]) -> Result<Self> {
-        if faces.iter().any(|face| face.is_masked) {
-            let what = "the scene's alpha masks".into();
-            return Err(Error::NotCovered { what, instead: "render it on the CPU" });
-        }
         let mut surfaces = Self::default();
+        surfaces.masks = scene.flat_masks().into_iter().map(|mask| surfaces.mask(mask)).collect::<Result<_>>()?;
         let used = |index: usize| faces.iter().any(|face| face.material == index);
         let of_material = |(index, material)| match used(index) {
             true => surfaces.material(material),
@@ -99,7 +100,7 @@ impl Surfaces {
     }
 
     /// Adds the attributes of a face, and returns its words.
-    fn face(&mut self, face: &FlatFace) -> [u32; 8] {
+    fn face(&mut self, face: &FlatFace) -> [u32; OF_FACE] {
         let color_uv = self.add_if(face.color_uv.map(|uv| uv.map(|uv| uv.to_array())));
         let mut own_or_color = |own: Option<[glam::Vec2; 3]>| match own == face.color_uv {
             true => color_uv,
@@ -119,7 +120,18 @@ impl Surfaces {
             map_uv,
             self.add_if(tangents.map(|tangents| tangents.map(|t| t.to_array()))),
             self.add_if(vectors(face.colors)),
+            face.mask.map_or(NONE, |mask| self.masks[mask]),
+            self.add_if(face.alphas.map(|alphas| [alphas])),
         ]
+    }
+
+    /// Adds a mask, and returns its place.
+    fn mask(&mut self, mask: Option<FlatMask>) -> Result<u32> {
+        let Some(FlatMask { cutoff, factor, texture }) = mask else { return Ok(NONE) };
+        let texture = texture.as_ref().map_or(Ok(NONE), |texture| self.add_texture(texture))?;
+        let place = self.add(&[cutoff, factor]);
+        self.words.push(texture);
+        Ok(place)
     }
 
     /// Adds what a material refers to, and returns its words.
@@ -174,6 +186,12 @@ impl Surfaces {
         if let Some(&place) = self.textures.get(&Arc::as_ptr(texture)) {
             return Ok(place);
         }
+        let place = self.add_texture(texture)?;
+        self.textures.insert(Arc::as_ptr(texture), place);
+        Ok(place)
+    }
+
+    fn add_texture(&mut self, texture: &Texture) -> Result<u32> {
         let ([width, height], (wrap, filter)) = (texture.size(), texture.sampling());
         let most = 1 << 30;
         if width.max(height) > most {
@@ -188,7 +206,6 @@ impl Surfaces {
         let place = self.words.len() as u32;
         self.words.extend([width as u32, height as u32, mode(wrap[0]) | (mode(wrap[1]) << 2) | nearest, place + 4]);
         self.words.extend(texture.texels().iter().map(|&[r, g, b]| u32::from_le_bytes([r, g, b, 0])));
-        self.textures.insert(Arc::as_ptr(texture), place);
         Ok(place)
     }
 }

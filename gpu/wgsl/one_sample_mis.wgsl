@@ -12,3 +12,7 @@ fn headtail_draw_direction(at: HeadtailPoint, z: vec2<f32>) -> vec4<f32> {
     if (!(drawn.w > 0.0)) { return vec4<f32>(drawn.xyz, 0.0); }
     return vec4<f32>(drawn.xyz, weight * headtail_pdf_here(drawn.xyz) + (1.0 - weight) * drawn.w);
 }
+
+fn headtail_direction_pdf(at: HeadtailPoint, wi: vec3<f32>) -> f32 {
+    return headtail_weight * headtail_pdf_here(wi) + (1.0 - headtail_weight) * headtail_bsdf_pdf(at, wi);
+}

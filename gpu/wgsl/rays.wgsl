@@ -10,6 +10,7 @@ const HEADTAIL_NONE: u32 = 0xffffffffu;
 const HEADTAIL_FAR: f32 = 3e38;
 const HEADTAIL_OFFSET: f32 = 1e-6;
 const HEADTAIL_SINGLE_SIDED: u32 = 1u;
+const HEADTAIL_MASKED: u32 = 4u;
 
 struct HeadtailRay { origin: vec3<f32>, direction: vec3<f32> }
 
@@ -65,8 +66,10 @@ fn headtail_triangle(at: u32, ray: HeadtailRay, question: HeadtailQuestion, hit:
     let q = cross(from_a, edge_1);
     let v = dot(ray.direction, q) * inverse;
     let t = dot(edge_2, q) * inverse;
-    if (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t < hit.t) { return HeadtailHit(t, u, v, at); }
-    return hit;
+    if (!(u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t < hit.t)) { return hit; }
+    let is_masked = (bitcast<u32>(second.w) & HEADTAIL_MASKED) != 0u;
+    if (is_masked && !headtail_is_opaque(bitcast<u32>(headtail_geometry[at].w), vec3<f32>(1.0 - u - v, u, v))) { return hit; }
+    return HeadtailHit(t, u, v, at);
 }
 
 fn headtail_trace(ray: HeadtailRay, question: HeadtailQuestion) -> HeadtailHit {

@@ -1,10 +1,11 @@
 // Surfaces: the attributes of triangles, textures, materials.
 //
-// A face has eight words: its material, the places of its normals, of its coordinates of base colour, of roughness, of emission and of the normal
-// map, of its tangents, and of its colours; a place is HEADTAIL_NONE where it has none. The material of a face has sixteen words.
+// A face has ten words: its material, the places of its normals, of its coordinates of base colour, of roughness, of emission and of the normal
+// map, of its tangents, of its colours, of its alpha mask, and of its alphas; a place is HEADTAIL_NONE where it has none. A material has sixteen.
 
 @group(0) @binding(3) var<storage, read> headtail_surfaces: array<u32>;
 
+const HEADTAIL_OF_FACE: u32 = 10u;
 const HEADTAIL_COPIED: u32 = 2u;
 const HEADTAIL_MIN_COSINE: f32 = 1e-2;
 const HEADTAIL_MIN_ALPHA: f32 = 1e-3;
@@ -49,7 +50,8 @@ fn headtail_texel_of(texture: u32, x: i32, y: i32, is_color: bool) -> vec3<f32> 
     let column = headtail_wrapped(x, width, modes & 3u);
     let row = headtail_wrapped(y, height, (modes >> 2u) & 3u);
     let codes = (vec3<u32>(headtail_surfaces[headtail_surfaces[texture + 3u] + u32(row * width + column)]) >> vec3<u32>(0u, 8u, 16u)) & vec3<u32>(255u);
-    if (!is_color) { return vec3<f32>(codes) * (1.0 / 255.0); }
+    // Devices need not divide 255 by itself exactly.
+    if (!is_color) { return select(vec3<f32>(codes) / 255.0, vec3<f32>(1.0), codes == vec3<u32>(255u)); }
     return vec3<f32>(headtail_number(HEADTAIL_SRGB + codes.x), headtail_number(HEADTAIL_SRGB + codes.y), headtail_number(HEADTAIL_SRGB + codes.z));
 }
 
@@ -64,9 +66,31 @@ fn headtail_textured(texture: u32, uv: vec2<f32>, is_color: bool) -> vec3<f32> {
     let inside = place - 0.5 - corner;
     let x = i32(corner.x);
     let y = i32(corner.y);
-    let upper = mix(headtail_texel_of(texture, x, y, is_color), headtail_texel_of(texture, x + 1, y, is_color), inside.x);
-    let lower = mix(headtail_texel_of(texture, x, y + 1, is_color), headtail_texel_of(texture, x + 1, y + 1, is_color), inside.x);
-    return mix(upper, lower, inside.y);
+    let upper = headtail_lerp(headtail_texel_of(texture, x, y, is_color), headtail_texel_of(texture, x + 1, y, is_color), inside.x);
+    let lower = headtail_lerp(headtail_texel_of(texture, x, y + 1, is_color), headtail_texel_of(texture, x + 1, y + 1, is_color), inside.x);
+    return headtail_lerp(upper, lower, inside.y);
+}
+
+// Exact between equal values, so that an alpha of 1 passes a cutoff of 1.
+fn headtail_lerp(a: vec3<f32>, b: vec3<f32>, t: f32) -> vec3<f32> {
+    return a + t * (b - a);
+}
+
+// Whether a point of a face passes the test of its mask: cutoff, factor and texture.
+fn headtail_is_opaque(number: u32, weights: vec3<f32>) -> bool {
+    let face = HEADTAIL_FACES + HEADTAIL_OF_FACE * number;
+    let mask = headtail_surfaces[face + 8u];
+    let uv = headtail_surfaces[face + 2u];
+    var alpha = headtail_number(mask + 1u);
+    if (headtail_surfaces[mask + 2u] != HEADTAIL_NONE && uv != HEADTAIL_NONE) {
+        alpha *= headtail_textured(headtail_surfaces[mask + 2u], headtail_uv(uv, weights), false).x;
+    }
+    let alphas = headtail_surfaces[face + 9u];
+    if (alphas != HEADTAIL_NONE) {
+        let corners = headtail_vector(alphas);
+        alpha *= corners.x + weights.y * (corners.y - corners.x) + weights.z * (corners.z - corners.x);
+    }
+    return min(alpha, 1.0) >= headtail_number(mask);
 }
 
 // A unit vector, or the other one where the first has hardly any length.
@@ -115,7 +139,7 @@ fn headtail_surface(ray: HeadtailRay, hit: HeadtailHit) -> HeadtailPoint {
     let third = headtail_geometry[hit.triangle + 2u];
     let corners = array<vec3<f32>, 3>(first.xyz, second.xyz, third.xyz);
     let weights = vec3<f32>(1.0 - hit.u - hit.v, hit.u, hit.v);
-    let face = HEADTAIL_FACES + 8u * bitcast<u32>(first.w);
+    let face = HEADTAIL_FACES + HEADTAIL_OF_FACE * bitcast<u32>(first.w);
     let material = HEADTAIL_MATERIALS + 16u * headtail_surfaces[face];
     at.wo = -ray.direction;
     let wound = normalize(cross(corners[1] - corners[0], corners[2] - corners[0]));
@@ -197,7 +221,7 @@ fn headtail_material(given: HeadtailPoint, material: u32, face: u32, weights: ve
 
 // The radiance that a surface emits.
 fn headtail_emitted(hit: HeadtailHit) -> vec3<f32> {
-    let face = HEADTAIL_FACES + 8u * bitcast<u32>(headtail_geometry[hit.triangle].w);
+    let face = HEADTAIL_FACES + HEADTAIL_OF_FACE * bitcast<u32>(headtail_geometry[hit.triangle].w);
     let material = HEADTAIL_MATERIALS + 16u * headtail_surfaces[face];
     let emission = headtail_surfaces[material + 14u];
     if (emission == HEADTAIL_NONE) { return vec3<f32>(0.0); }

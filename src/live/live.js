@@ -5,8 +5,9 @@
   const { view, round, bindings } = content;
   const { width, height } = view;
   const HEADER = 28, GROUP = 6, FILM = bindings.indexOf("Film"), VIEW = bindings.indexOf("View");
-  // Milliseconds of a dispatch, and most samples in one; most samples of a pixel.
-  const SLICE = 12, MOST_AT_ONCE = 16, MOST = 1 << 20;
+  // Milliseconds of a dispatch, and most samples in one; most samples of a pixel, which the address may lower.
+  const SLICE = 12, MOST_AT_ONCE = 16;
+  let most = 1 << 20;
   const SEEDS = { left: 1, right: 2, reference: 3 };
 
   const say = (text) => { find("message").textContent = text; find("message").hidden = !text; };
@@ -157,7 +158,7 @@
     const { own, group, words } = picture;
     const begun = generation;
     const pixels = picture.cost > 0 ? SLICE / picture.cost : 8 * width;
-    const whole = Math.min(Math.floor(pixels / (width * height)), MOST_AT_ONCE, round - (picture.samples % round));
+    const whole = Math.min(Math.floor(pixels / (width * height)), MOST_AT_ONCE, round - (picture.samples % round), most - picture.samples);
     const count = picture.rows > 0 ? picture.extra : Math.max(whole, 1);
     const rows = Math.min(Math.max(8 * Math.floor(pixels / count / width / 8), 8), height - picture.rows);
     const from = (picture.samples % round) * own.perSample;
@@ -245,7 +246,7 @@
         const behind = left.spent <= right.spent ? left : right;
         const is_due = behind.spent > 1000 && reference.spent < 0.5 * behind.spent && reference.rows + behind.rows === 0 || reference.rows > 0;
         const next = is_due ? reference : behind;
-        if (next.samples >= MOST) break;
+        if (next.samples >= most) break;
         await advance(next);
         if (pictures[next.side] !== next) break;
         const isWhole = next !== reference && next.rows === 0 && next.samples > 0 && reference.samples > 0 && reference.rows === 0;
@@ -279,6 +280,7 @@
       return numbers.length === 3 && numbers.every(Number.isFinite) ? numbers : camera[name];
     };
     camera = { from: place("from"), at: place("at") };
+    if (Number(chosen.get("spp")) > 0) most = Number(chosen.get("spp"));
     if (length(sub(camera.at, camera.from)) === 0) camera = { ...first };
     for (const side of ["left", "right"]) if (content.samplers[chosen.get(side)]) find(side).value = chosen.get(side);
     for (const [name, key] of [["cut", "cut"], ["exposure", "exposure"]]) if (chosen.has(key)) find(name).value = chosen.get(key);

@@ -44,7 +44,7 @@ mod wide;
 pub use built_in::built_in_names;
 pub use bvh::Bvh;
 pub use camera::Camera;
-pub use flat_face::FlatFace;
+pub use flat_face::{FlatFace, FlatMask};
 pub use fspy::{FspyProject, UpAxis};
 pub use gltf::LoadOptions;
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};

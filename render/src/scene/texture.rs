@@ -181,6 +181,11 @@ impl AlphaTexture {
         self.grid.interpolate(uv, |i| f32::from(self.texels[i]) / 255.0, |a, b, s| a + s * (b - a))
     }
 
+    /// Returns a texture with the alpha in all channels.
+    pub fn to_texture(&self) -> Texture {
+        Texture { grid: self.grid.clone(), texels: self.texels.iter().map(|&alpha| [alpha; 3]).collect() }
+    }
+
     /// Returns the least and the greatest alpha.
     pub fn range(&self) -> [f32; 2] {
         let codes = self.texels.iter().fold([u8::MAX, 0], |[least, most], &code| [least.min(code), most.max(code)]);

@@ -160,7 +160,7 @@ impl Environment {
     }
 
     /// Whether [`Self::luminance`] differs from that of the texels.
-    pub(crate) fn has_extreme_lamps(&self) -> bool {
+    pub fn has_extreme_lamps(&self) -> bool {
         self.least_luminance > 0.0
     }
 
