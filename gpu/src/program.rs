@@ -140,3 +140,51 @@ impl Program {
         Ok(Self { source, floats, integers, groups })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use headtail_shaders::Target;
+
+    use super::*;
+
+    fn lit(scene: &str) -> LitScene {
+        LitScene::new(&Scene::open(scene).unwrap(), Arc::new(Environment::open("studio").unwrap())).unwrap()
+    }
+
+    #[test]
+    fn programs_of_all_samplers_are_valid() {
+        let scene = lit("droid");
+        let head = "../checkpoints/studio-head.safetensors";
+        let specs = [
+            "brdf".into(),
+            "emitter".into(),
+            "split:2:mis-comp".into(),
+            "split:3:mis2-comp".into(),
+            "ris:4".into(),
+            "patches:fine".into(),
+            "mis2:patches".into(),
+            format!("head:{head}"),
+            format!("head+mis:{head}"),
+        ];
+        for spec in specs {
+            let Program { source, floats, integers, .. } = Program::new(&scene, &spec.parse().unwrap()).unwrap();
+            let shader = Shader { source, floats, integers, layout: String::new() };
+            shader.translate(Target::Spirv).unwrap_or_else(|error| panic!("{spec}: {error}"));
+        }
+    }
+
+    #[test]
+    fn what_devices_do_not_have_is_named() {
+        let scene = lit("sphere");
+        for spec in ["auto", "patches+vis", "oracle", "mis2:portals"] {
+            let error = Program::new(&scene, &spec.parse::<SamplerSpec>().unwrap()).unwrap_err().to_string();
+            assert!(error.contains(spec) && error.contains("not rendered on a device"), "{error}");
+        }
+        let material = "neural:../checkpoints/satin.safetensors".parse::<headtail_render::scene::MaterialSpec>();
+        let cloth = Scene::open("cloth").unwrap();
+        let bounds = cloth.bounds();
+        let cloth = material.unwrap().dress(cloth, &bounds).unwrap();
+        let error = LitScene::new(&cloth, scene.environment.clone()).unwrap_err().to_string();
+        assert!(error.contains("neural materials"), "{error}");
+    }
+}

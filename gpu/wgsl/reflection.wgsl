@@ -65,7 +65,7 @@ fn headtail_left(alpha: f32, cosine: f32) -> f32 {
 }
 
 // Completes a point of the metallic-roughness material, whose width is known.
-fn headtail_layer(given: HeadtailPoint) -> HeadtailPoint {
+fn headtail_layered(given: HeadtailPoint) -> HeadtailPoint {
     var at = given;
     let cosine = dot(at.ns, at.wo);
     let left = headtail_left(at.alpha, cosine);

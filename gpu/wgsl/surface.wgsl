@@ -216,7 +216,7 @@ fn headtail_material(given: HeadtailPoint, material: u32, face: u32, weights: ve
     at.diffuse = color * (1.0 - factors.x);
     at.f0 = vec3<f32>(HEADTAIL_DIELECTRIC * (1.0 - factors.x)) + color * factors.x;
     at.alpha = max(factors.y * factors.y, HEADTAIL_MIN_ALPHA);
-    return headtail_layer(at);
+    return headtail_layered(at);
 }
 
 // The radiance that a surface emits.
