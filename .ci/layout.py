@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 # A crate whose folder does not exist has no modules. A binary of several files is a crate of its own.
-CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "capi/src", "eval/src", "eval/src/bin/results", "src", "python/src"]
+CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "gpu/src", "capi/src", "eval/src", "eval/src/bin/results", "src", "python/src"]
 WIDTH = 120
 
 # Comments, raw strings, strings and characters: their braces and paths are not code.

@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn what_devices_do_not_have_is_named() {
+    fn uncovered_parts_are_named() {
         let scene = lit("sphere");
         for spec in ["auto", "patches+vis", "oracle", "mis2:portals"] {
             let error = Program::new(&scene, &spec.parse::<SamplerSpec>().unwrap()).unwrap_err().to_string();

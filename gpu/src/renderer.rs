@@ -103,7 +103,7 @@ impl Renderer {
         }
         let start = Instant::now();
         let film = self.gpu.buffer("the picture", (16 * FILM_VECTORS * part.width * part.height) as u64)?;
-        let mut work = Work { renderer: self, view, part, film: &film, points, seconds_per_sample: None };
+        let mut work = Accumulation { renderer: self, view, part, film: &film, points, seconds_per_sample: None };
         let mut spp = 0;
         if let Budget::Spp(total) = budget {
             work.points = points.planned(total.max(1));
@@ -140,7 +140,7 @@ impl Renderer {
 }
 
 /// A picture in progress.
-struct Work<'a> {
+struct Accumulation<'a> {
     renderer: &'a Renderer,
     view: &'a View<'a>,
     part: Part,
@@ -150,7 +150,7 @@ struct Work<'a> {
     seconds_per_sample: Option<f64>,
 }
 
-impl Work<'_> {
+impl Accumulation<'_> {
     /// Adds samples to every pixel, in pieces that are short enough.
     fn add(&mut self, samples: (u32, u32)) -> Result<()> {
         let Self { renderer, view, part, film, points, .. } = *self;

@@ -243,9 +243,9 @@
       const { left, right, reference } = pictures;
       const start = performance.now();
       while (!paused && performance.now() - start < SLICE) {
-        const behind = left.spent <= right.spent ? left : right;
-        const is_due = behind.spent > 1000 && reference.spent < 0.5 * behind.spent && reference.rows + behind.rows === 0 || reference.rows > 0;
-        const next = is_due ? reference : behind;
+        const [behind] = [left, right].filter((own) => own.samples < most).sort((a, b) => a.spent - b.spent);
+        const isDue = !behind || reference.rows > 0 || (behind.spent > 1000 && reference.spent < 0.5 * behind.spent && behind.rows === 0);
+        const next = isDue ? reference : behind;
         if (next.samples >= most) break;
         await advance(next);
         if (pictures[next.side] !== next) break;

@@ -12,6 +12,7 @@ mod generated;
 #[cfg(target_os = "linux")]
 mod inputs;
 mod interruption;
+mod live;
 mod lost_work;
 mod names;
 mod options;
