@@ -184,7 +184,7 @@ mod tests {
         let cloth = Scene::open("cloth").unwrap();
         let bounds = cloth.bounds();
         let cloth = material.unwrap().dress(cloth, &bounds).unwrap();
-        let error = LitScene::new(&cloth, scene.environment.clone()).unwrap_err().to_string();
+        let error = LitScene::new(&cloth, scene.environment).unwrap_err().to_string();
         assert!(error.contains("neural materials"), "{error}");
     }
 }

@@ -95,7 +95,7 @@ impl DeviceSampler {
     pub fn groups(&self) -> Vec<Dimension> {
         let count = self.directions();
         let candidate = |index: u32| {
-            let (technique, of) = if index % 2 == 0 { (0, count - count / 2) } else { (1, count / 2) };
+            let (technique, of) = if index.is_multiple_of(2) { (0, count - count / 2) } else { (1, count / 2) };
             Dimension::Candidate { technique, index: index / 2, of }
         };
         let pair = |index| [0, 1].map(|technique| Dimension::of_several(technique, index, count));

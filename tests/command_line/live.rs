@@ -21,15 +21,7 @@ const SAMPLES: usize = 3;
 const LIMIT: Duration = Duration::from_secs(240);
 
 /// Waits for the samples, and sends what the page says and its films.
-const PROBE: &str = "
-(async () => {
-  const send = (path, body) => fetch(path, { method: 'POST', body });
-  const said = () => document.getElementById('live-message').textContent;
-  const isDone = () => ['left', 'right'].every((side) => window.headtail.pictures[side]?.samples === SAMPLES);
-  while (!isDone() && (said() === '' || said().startsWith('Compiling'))) await new Promise((done) => setTimeout(done, 200));
-  if (isDone()) for (const side of ['left', 'right']) await send('/' + side, await window.headtail.read(side));
-  await send('/done', said());
-})();";
+const PROBE: &str = include_str!("live.js");
 
 #[test]
 fn live_pages_render_what_the_program_renders() {
@@ -62,7 +54,10 @@ fn live_pages_render_what_the_program_renders() {
         let film: Vec<f32> = chunks.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
         assert_eq!(film.len(), 12 * WIDTH * HEIGHT);
         let out = format!("{sampler}.exr");
-        succeed(path, &format!("render {view} --sampler {sampler} --points lattice:64 --spp {SAMPLES} --seed {seed} --out {out}"));
+        succeed(
+            path,
+            &format!("render {view} --sampler {sampler} --points lattice:64 --spp {SAMPLES} --seed {seed} --out {out}"),
+        );
         let expected = read_radiance(&path.join(out)).unwrap();
         let color = |k: usize| [0, 1, 2].map(|c| (film[12 * k + c] + film[12 * k + 4 + c]) / SAMPLES as f32);
         let is_apart = |k: usize, expected: &[f32; 3]| {
@@ -88,7 +83,9 @@ fn open(browser: &str, page: &str) -> Vec<(String, Vec<u8>)> {
         .replace("</body>", &format!("<script>{probe}</script></body>"));
     let profile = folder();
     let mut command = Command::new(browser);
-    command.args("--headless=new --no-sandbox --no-first-run --enable-unsafe-webgpu --use-webgpu-adapter=swiftshader".split(' '));
+    command.args(
+        "--headless=new --no-sandbox --no-first-run --enable-unsafe-webgpu --use-webgpu-adapter=swiftshader".split(' '),
+    );
     command.args("--enable-unsafe-swiftshader --ignore-gpu-blocklist --enable-gpu --enable-features=Vulkan".split(' '));
     command.args(["--use-vulkan=swiftshader", "--use-angle=swiftshader"]);
     command.arg(format!("--user-data-dir={}", profile.path().display())).arg(address);
