@@ -33,7 +33,11 @@ impl GraphicsDevice {
     /// If there is none, or the shaders do not cover the scene.
     pub fn open(view: &OpenedView) -> Result<Self> {
         let scene = headtail_gpu::LitScene::new(view.scene(), view.environment.clone())?;
-        Ok(Self { gpu: std::sync::Arc::new(headtail_gpu::Gpu::open()?), scene })
+        let gpu = headtail_gpu::Gpu::open()?;
+        if gpu.is_software() {
+            crate::terminal::note!("{gpu} computes in software; --device cpu is faster");
+        }
+        Ok(Self { gpu: std::sync::Arc::new(gpu), scene })
     }
 
     /// Prepares a sampler.

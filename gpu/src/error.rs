@@ -22,9 +22,9 @@ pub enum Error {
         /// Largest number.
         most: usize,
     },
-    /// A sampler cannot be made.
+    /// A sampler cannot be made, or memory is missing.
     #[error(transparent)]
-    Sampler(#[from] headtail_render::error::Error),
+    Render(#[from] headtail_render::error::Error),
     /// The device failed.
     #[cfg(feature = "gpu")]
     #[error(transparent)]

@@ -2,7 +2,7 @@
 
 use std::{fmt::Write, sync::Arc};
 
-use headtail_render::{environment::Environment, points::Dimension, scene::Scene, spec::SamplerSpec};
+use headtail_render::{environment::Environment, memory, points::Dimension, scene::Scene, spec::SamplerSpec};
 use headtail_shaders::{BRDF, Shader};
 
 use crate::{error::Result, geometry::Geometry, map, sampler::DeviceSampler, surfaces::Surfaces};
@@ -20,6 +20,9 @@ pub const ENTRY_POINT: &str = "headtail_render";
 pub const WORKGROUP_SIDE: u32 = 8;
 /// Vectors of four numbers for each pixel of the film.
 pub const FILM_VECTORS: usize = 3;
+
+/// Bytes of a face while it is flattened, hierarchy and words included.
+const BYTES_PER_FACE: usize = 1000;
 
 /// A storage buffer of the shader, in the order of the bindings of group 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,8 +69,10 @@ impl LitScene {
     /// Flattens a scene and a map.
     ///
     /// # Errors
-    /// If the shaders do not cover a material or alpha masks, or the scene is too large.
+    /// If the shaders do not cover a material, or the scene is too large.
     pub fn new(scene: &Scene, environment: Arc<Environment>) -> Result<Self> {
+        let bytes = (scene.triangle_count() * BYTES_PER_FACE) as u64;
+        memory::require(bytes, || "the scene's triangles for a device".into())?;
         let faces: Vec<_> = scene.flat_faces().collect();
         let (geometry, surfaces) = (Geometry::build(&faces)?, Surfaces::new(scene, &faces)?);
         Ok(Self { geometry, surfaces, texels: map::texels(&environment), environment })

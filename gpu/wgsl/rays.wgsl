@@ -44,8 +44,8 @@ fn headtail_box(least: vec3<f32>, greatest: vec3<f32>, origin: vec3<f32>, invers
     let low = min(a, b);
     let high = max(a, b);
     let near = max(max(low.x, low.y), max(low.z, 0.0));
-    // Rounding moves each end by up to three units in the last place.
-    let far = min(min(high.x, high.y), min(high.z, end)) * 1.0000004;
+    // Rounding moves each end by a few units in the last place: devices divide less exactly than CPUs.
+    let far = min(min(high.x, high.y), min(high.z, end)) * 1.000001;
     return select(HEADTAIL_FAR, near, near <= far);
 }
 

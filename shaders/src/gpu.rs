@@ -78,6 +78,11 @@ impl Gpu {
         }
     }
 
+    /// Returns whether the adapter computes in software.
+    pub fn is_software(&self) -> bool {
+        self.info.device_type == DeviceType::Cpu
+    }
+
     /// Returns the largest size of a storage buffer in bytes.
     pub fn largest_buffer(&self) -> u64 {
         let limits = self.device.limits();

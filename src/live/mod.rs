@@ -64,6 +64,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let is_page = arguments.out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("html"));
     ensure!(is_page, "--out {}: the file's name must end in .html", arguments.out.display());
     let specs: Vec<&SamplerSpec> = arguments.samplers.iter().flat_map(|list| &list.0).collect();
+    let is_lattice = matches!(arguments.view.points, PointSet::Lattice { .. });
+    ensure!(is_lattice, "--points {}: live pages have lattice points", arguments.view.points);
     let output = OutputFile::take(&arguments.out)?;
     let opened = arguments.view.open()?;
     let busy = progress::busy("page");

@@ -192,3 +192,13 @@ fn unwritable_files_are_errors() {
     assert_eq!(names(here.path()), ["file", "taken.exr"]);
     assert_eq!(fs::read_to_string(here.path().join("file")).unwrap(), "in the way");
 }
+
+#[cfg(not(feature = "gpu"))]
+#[test]
+fn graphics_devices_of_builds_without_them_are_refused() {
+    let here = folder();
+    for command in ["render --spp 1 --sampler mis --out a.exr", "compare --spp 1 --samplers mis --out results"] {
+        let sentence = fail(here.path(), &format!("{command} --scene sphere --env studio {SMALL} --device gpu"));
+        assert!(sentence.contains("--device gpu") && sentence.contains("--features gpu"), "{sentence}");
+    }
+}
