@@ -53,6 +53,7 @@ fn writing<'a>() -> Vec<Writing<'a>> {
         (format!("bake --visibility {view} --spp 1 --out bake/seen"), seed, &["bake/seen"]),
         (format!("render {view} --sampler mis --spp 1 --timings --aovs --out render.exr"), seed, &["render.exr", "render.png", "render.aovs.exr"]),
         (format!("compare {view} --samplers mis --runs 1 --spp 1 --reference-spp 1 --out compare"), seed, &["compare/report.html", "compare/results.csv"]),
+        (format!("live {view} --samplers mis --out live.html"), ("mis --out", "brdf --out"), &["live.html"]),
         ("chart compare --out chart.html".into(), ("compare", "./compare"), &["chart.html"]),
         ("inspect bake/table --out inspect.svg".into(), (" --out", " --normal 1,0,0 --out"), &["inspect.svg"]),
         ("export bake/table --target wgsl --out shader".into(), ("bake", "./bake"), &["shader/headtail.wgsl", "shader/layout.json", "shader/floats.bin"]),
@@ -168,6 +169,7 @@ fn unwritable_outputs_are_reported_before_the_work() {
         "stability --out file",
         "composite --photo view.exr --camera view.fspy --env overcast --scene temple --spp 100000 --out file",
         "view --env overcast --width 16384 --height 8192 --out file/a.exr",
+        "live --scene temple --env overcast --samplers mis --out file/a.html",
         "paper --out file",
         "scenes --spp 10000 --out file",
     ];
@@ -305,7 +307,7 @@ fn long_work_is_announced() {
         "paper --out paper".into(),
     ];
     // Commands that take seconds or a given time; the help of `demo` states its two minutes.
-    let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "material", "view"];
+    let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "live", "material", "view"];
     let mut listed = first_words(cases.iter().map(String::as_str));
     listed.extend(short.map(str::to_owned));
     assert_eq!(listed, commands());

@@ -26,6 +26,7 @@ fn cases<'a>() -> Vec<Case<'a>> {
         (format!("{render} ris:2:direct:IN --env overcast --out a.exr"), "table", "a.png"),
         (format!("{render} patches+vis:IN --env overcast --out a.exr"), "seen", "a.png"),
         (format!("{render} mis --env overcast --out a.exr").replace("sphere", "IN"), "scene.gltf", "a.png"),
+        (format!("live --scene IN --env overcast {SMALL} --samplers mis --out a.html"), "scene.gltf", "a.html"),
         (format!("{compare} --env IN --out c"), "map.exr", "c/reference.exr"),
         (format!("{compare} --env IN --out c"), "map.exr", "c/mis_1spp_error.exr"),
         (

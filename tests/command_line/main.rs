@@ -153,6 +153,7 @@ fn the_help_of_every_command_ends_with_examples() {
         "stability",
         "composite",
         "view",
+        "live",
         "paper",
         "scenes",
     ] {
