@@ -22,6 +22,7 @@ pub const DEVICES: [(Device, &str, &str); 2] =
 #[cfg(feature = "gpu")]
 pub struct GraphicsDevice {
     gpu: std::sync::Arc<headtail_gpu::Gpu>,
+    view: OpenedView,
     scene: headtail_gpu::LitScene,
 }
 
@@ -37,7 +38,7 @@ impl GraphicsDevice {
         if gpu.is_software() {
             crate::terminal::note!("{gpu} computes in software; --device cpu is faster");
         }
-        Ok(Self { gpu: std::sync::Arc::new(gpu), scene })
+        Ok(Self { gpu: std::sync::Arc::new(gpu), view: view.clone(), scene })
     }
 
     /// Prepares a sampler.
@@ -46,7 +47,11 @@ impl GraphicsDevice {
     /// If the shaders do not have it, or the device fails.
     pub fn renderer(&self, spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
         let program = headtail_gpu::Program::new(&self.scene, spec)?;
-        Ok(Box::new(OnDevice(headtail_gpu::Renderer::new(self.gpu.clone(), &self.scene, &program)?)))
+        let renderer = headtail_gpu::Renderer::new(self.gpu.clone(), &self.scene, &program)?;
+        Ok(Box::new(OnDevice(match program.has_visibility {
+            true => renderer.with_visibility(self.view.learned_visibility(spec)?),
+            false => renderer,
+        })))
     }
 
     /// Returns the names of adapter and driver.

@@ -109,6 +109,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let device = (arguments.device == Device::Gpu).then(|| GraphicsDevice::open(&opened)).transpose()?;
     let start = Instant::now();
     let Prepared { sampler, renderer, choice } = match &device {
+        // `auto` is chosen on the CPU, by the costs of samples there.
+        Some(device) if *arguments.sampler.source() == Source::Auto => {
+            let chosen = prepared(&arguments.sampler, &opened, budget, &stop)?;
+            Prepared { renderer: device.renderer(&chosen.sampler)?, ..chosen }
+        }
         Some(device) => {
             let (sampler, choice) = (arguments.sampler.clone(), None);
             Prepared { renderer: device.renderer(&sampler)?, sampler, choice }

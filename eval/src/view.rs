@@ -223,10 +223,21 @@ impl OpenedView {
 
     /// Builds the estimator of a SPEC, with known portals of this view for SPECs of portals without a file.
     pub(crate) fn estimator_through(&self, portals: &[Portal], spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
+        Ok(spec.build_in(&self.environment, self.build_context(portals))?)
+    }
+
+    /// Builds the estimator of a SPEC with visibility.
+    ///
+    /// # Errors
+    /// If the SPEC has none, or a file of it cannot be used here.
+    pub fn learned_visibility(&self, spec: &SamplerSpec) -> Result<LearnedVisibility> {
+        Ok(spec.build_learned(&self.environment, self.build_context(&[]))?)
+    }
+
+    fn build_context<'a>(&'a self, portals: &'a [Portal]) -> BuildContext<'a> {
         let (memory, always) = (self.visibility_bytes, self.visibility_always);
         let motion = Affine3A::from_rotation_y(-self.rotation.to_radians());
-        let context = BuildContext { scene: Some(&*self.scene), memory, always, motion, portals };
-        Ok(spec.build_in(&self.environment, context)?)
+        BuildContext { scene: Some(&*self.scene), memory, always, motion, portals }
     }
 
     /// Finds the portals of the room that the camera is in.

@@ -12,6 +12,7 @@
 //! | `wgsl/reflection.wgsl` | reflection at a shading point |
 //! | `map.rs`, `wgsl/map.wgsl` | the environment map |
 //! | `points.rs`, `wgsl/points.wgsl` | the camera, and the numbers of samples |
+//! | `visibility.rs`, `wgsl/visibility.wgsl` | weights that the host has learned |
 //! | `sampler.rs`, other files of `wgsl/` | SPECs: sources of directions, and how they are combined |
 //! | `program.rs`, `wgsl/path.wgsl` | the whole shader |
 //! | `renderer.rs` | running it through `wgpu` |
@@ -25,6 +26,7 @@ mod program;
 mod renderer;
 mod sampler;
 mod surfaces;
+mod visibility;
 
 pub use error::{Error, Result};
 #[cfg(feature = "gpu")]
@@ -33,3 +35,4 @@ pub use points::ViewWords;
 pub use program::{BINDINGS, Binding, ENTRY_POINT, FILM_VECTORS, LitScene, Program, WORKGROUP_SIDE};
 #[cfg(feature = "gpu")]
 pub use renderer::Renderer;
+pub use visibility::visibility_words;

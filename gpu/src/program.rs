@@ -43,10 +43,12 @@ pub enum Binding {
     Film,
     /// [`ViewWords`](crate::ViewWords).
     View,
+    /// [`visibility_words`](crate::visibility_words); any words for programs without visibility.
+    Visibility,
 }
 
 /// The bindings of group 0, from 0 on.
-pub const BINDINGS: [Binding; 7] = [
+pub const BINDINGS: [Binding; 8] = [
     Binding::Floats,
     Binding::Integers,
     Binding::Geometry,
@@ -54,6 +56,7 @@ pub const BINDINGS: [Binding; 7] = [
     Binding::Texels,
     Binding::Film,
     Binding::View,
+    Binding::Visibility,
 ];
 
 /// A scene under a map, for the programs of any number of samplers.
@@ -105,6 +108,8 @@ pub struct Program {
     pub integers: Vec<u32>,
     /// The groups of numbers of a light estimate.
     pub groups: Vec<Dimension>,
+    /// Whether it reads weights of visibility, which are learned before each picture.
+    pub has_visibility: bool,
 }
 
 impl Program {
@@ -116,7 +121,7 @@ impl Program {
         let LitScene { geometry, surfaces, environment, .. } = scene;
         let sampler = DeviceSampler::new(spec, environment)?;
         let groups = sampler.groups();
-        let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays)?;
+        let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays, sampler.weights)?;
         let constants = [
             ("ROOT", geometry.root as usize),
             ("STACK", geometry.stack),
@@ -142,7 +147,7 @@ impl Program {
         // Buffers cannot be empty.
         floats.extend(floats.is_empty().then_some(0.0));
         integers.extend(integers.is_empty().then_some(0));
-        Ok(Self { source, floats, integers, groups })
+        Ok(Self { source, floats, integers, groups, has_visibility: sampler.has_visibility })
     }
 }
 
@@ -168,6 +173,7 @@ mod tests {
             "ris:4".into(),
             "patches:fine".into(),
             "mis2:patches".into(),
+            "split:4:patches+vis".into(),
             format!("head:{head}"),
             format!("head+mis:{head}"),
         ];
@@ -181,7 +187,7 @@ mod tests {
     #[test]
     fn uncovered_parts_are_named() {
         let scene = lit("sphere");
-        for spec in ["auto", "patches+vis", "oracle", "mis2:portals"] {
+        for spec in ["auto", "patches+vis:seen.safetensors", "oracle", "mis2:portals"] {
             let error = Program::new(&scene, &spec.parse::<SamplerSpec>().unwrap()).unwrap_err().to_string();
             assert!(error.contains(spec) && error.contains("not rendered on a device"), "{error}");
         }

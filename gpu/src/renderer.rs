@@ -10,8 +10,9 @@ use std::{
 
 use bytemuck::Pod;
 use headtail_render::{
+    estimator::LearnedVisibility,
     image::Image,
-    integrator::{Budget, Part, Rendering, View},
+    integrator::{Budget, Part, Rendering, View, learn_weights},
     points::{Dimension, PointSet, Points},
 };
 use headtail_shaders::gpu::{Gpu, GpuError};
@@ -21,12 +22,15 @@ use crate::{
     error::{Error, Result},
     points::ViewWords,
     program::{BINDINGS, Binding, ENTRY_POINT, FILM_VECTORS, LitScene, Program, WORKGROUP_SIDE},
+    visibility::visibility_words,
 };
 
 /// Seconds of a dispatch that drivers and desktops tolerate.
 const SECONDS: f64 = 0.1;
 /// Most samples per dispatch, whose numbers come from the host.
 const SAMPLES: u32 = 64;
+/// What visibility is called in errors.
+const VISIBILITY: &str = "learned visibility";
 /// Pixels of the first dispatch, before any is timed.
 const FIRST_PIXELS: usize = 1 << 14;
 
@@ -37,6 +41,7 @@ pub struct Renderer {
     layout: wgpu::BindGroupLayout,
     buffers: Vec<(Binding, wgpu::Buffer)>,
     groups: Vec<Dimension>,
+    visibility: Option<LearnedVisibility>,
 }
 
 impl Renderer {
@@ -57,24 +62,33 @@ impl Renderer {
             (Binding::Texels, filled(&gpu, "the map", scene.texels())?),
         ];
         gpu.check()?;
-        let renderer = Self { gpu, pipeline, layout, buffers, groups: program.groups.clone() };
+        let renderer = Self { gpu, pipeline, layout, buffers, groups: program.groups.clone(), visibility: None };
         renderer.compile()?;
         Ok(renderer)
+    }
+
+    /// Returns the renderer with visibility that is learned on the CPU before each picture, in a small fraction of its budget.
+    /// Programs without visibility do not read it.
+    #[must_use]
+    pub fn with_visibility(self, visibility: LearnedVisibility) -> Self {
+        Self { visibility: Some(visibility), ..self }
     }
 
     /// Dispatches no pixels: some drivers compile a shader when it is first used, which is preparation.
     fn compile(&self) -> Result<()> {
         let film = self.gpu.buffer("the picture", 16)?;
         let view = self.gpu.buffer("the numbers of samples", 4 * ViewWords::LEAST as u64)?;
-        self.gpu.submit(&self.pipeline, &self.bind(&film, &view), [1, 1]);
+        let visibility = filled(&self.gpu, VISIBILITY, &visibility_words(None))?;
+        self.gpu.submit(&self.pipeline, &self.bind([&film, &view, &visibility]), [1, 1]);
         wait(&self.gpu)
     }
 
-    fn bind(&self, film: &wgpu::Buffer, view: &wgpu::Buffer) -> wgpu::BindGroup {
+    fn bind(&self, [film, view, visibility]: [&wgpu::Buffer; 3]) -> wgpu::BindGroup {
         let kept = |binding| &self.buffers.iter().find(|(own, _)| *own == binding).expect("all others are kept").1;
         let buffer = |binding: Binding| match binding {
             Binding::Film => film,
             Binding::View => view,
+            Binding::Visibility => visibility,
             _ => kept(binding),
         };
         let entry = |(binding, own)| wgpu::BindGroupEntry { binding, resource: buffer(own).as_entire_binding() };
@@ -103,7 +117,11 @@ impl Renderer {
         }
         let start = Instant::now();
         let film = self.gpu.buffer("the picture", (16 * FILM_VECTORS * part.width * part.height) as u64)?;
-        let mut work = Accumulation { renderer: self, view, part, film: &film, points, seconds_per_sample: None };
+        let learn = |estimator| learn_weights((*view, part), estimator, budget, points.seed(), stop);
+        let (weights, learned) = self.visibility.as_ref().map(learn).unzip();
+        let visibility = filled(&self.gpu, VISIBILITY, &visibility_words(weights.flatten().as_ref()))?;
+        let kept = [&film, &visibility];
+        let mut work = Accumulation { renderer: self, view, part, kept, points, seconds_per_sample: None };
         let mut spp = 0;
         if let Budget::Spp(total) = budget {
             work.points = points.planned(total.max(1));
@@ -135,7 +153,8 @@ impl Renderer {
             }
         }
         let pixels = self.gpu.read::<[[f32; 4]; FILM_VECTORS]>(&film, 0, part.width * part.height)?;
-        Ok(resolve(&pixels, part, work.points.set(), spp, start.elapsed().as_secs_f64()))
+        let rendering = resolve(&pixels, part, work.points.set(), spp, start.elapsed().as_secs_f64());
+        Ok(Rendering { learned, ..rendering })
     }
 }
 
@@ -144,7 +163,8 @@ struct Accumulation<'a> {
     renderer: &'a Renderer,
     view: &'a View<'a>,
     part: Part,
-    film: &'a wgpu::Buffer,
+    /// The film, and the weights of visibility.
+    kept: [&'a wgpu::Buffer; 2],
     points: Points,
     /// Seconds of a sample of every pixel, of the latest dispatches.
     seconds_per_sample: Option<f64>,
@@ -153,11 +173,11 @@ struct Accumulation<'a> {
 impl Accumulation<'_> {
     /// Adds samples to every pixel, in pieces that are short enough.
     fn add(&mut self, samples: (u32, u32)) -> Result<()> {
-        let Self { renderer, view, part, film, points, .. } = *self;
+        let Self { renderer, view, part, kept: [film, visibility], points, .. } = *self;
         let Renderer { gpu, pipeline, groups, .. } = renderer;
         let mut words = ViewWords::new(view, part, points, samples, groups);
         let view_buffer = gpu.buffer("the numbers of samples", size_of_val(words.words()) as u64)?;
-        let bound = renderer.bind(film, &view_buffer);
+        let bound = renderer.bind([film, &view_buffer, visibility]);
         let mut row = 0;
         let start = Instant::now();
         while row < part.height {

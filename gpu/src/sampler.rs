@@ -12,6 +12,7 @@ use headtail_render::{
     spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility},
     tail::TailKind,
 };
+use headtail_shaders::UNOCCLUDED;
 
 use crate::error::{Error, Result};
 
@@ -21,6 +22,8 @@ const ONE_SAMPLE_MIS: &str = include_str!("../wgsl/one_sample_mis.wgsl");
 const MEAN: &str = include_str!("../wgsl/mean.wgsl");
 const TWO_SAMPLE_MIS: &str = include_str!("../wgsl/two_sample_mis.wgsl");
 const RIS: &str = include_str!("../wgsl/ris.wgsl");
+const VISIBILITY: &str = include_str!("../wgsl/visibility.wgsl");
+const NO_CELLS: &str = include_str!("../wgsl/no_cells.wgsl");
 const OWN_WEIGHT: &str = include_str!("../wgsl/own_weight.wgsl");
 const HALF_WEIGHT: &str = include_str!("../wgsl/half_weight.wgsl");
 
@@ -30,7 +33,11 @@ pub struct DeviceSampler {
     pub arrays: Vec<FlatArray>,
     /// WGSL with `headtail_estimate`.
     pub sources: Vec<&'static str>,
+    /// WGSL of the weights of patches.
+    pub weights: &'static str,
     combiner: Combiner,
+    /// Whether weights of learned visibility are read.
+    pub has_visibility: bool,
 }
 
 impl DeviceSampler {
@@ -40,8 +47,8 @@ impl DeviceSampler {
     /// If devices do not have the SPEC, or its file is for another map.
     pub fn new(spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Self> {
         let not_covered = |instead| Error::NotCovered { what: format!("sampler '{spec}'"), instead };
-        if *spec.visibility() != Visibility::None {
-            return Err(not_covered("leave out +vis: split:4:patches, for example"));
+        if matches!(spec.visibility(), Visibility::File(_)) {
+            return Err(not_covered("learn visibility before the picture: +vis without a file"));
         }
         let combiner = spec.combiner();
         if matches!(combiner, Combiner::Ris(_)) && environment.has_extreme_lamps() {
@@ -63,7 +70,7 @@ impl DeviceSampler {
                 let arrays = flat_exported(&exported).map_err(|error| error.in_file(file))?;
                 (arrays, *kind == FileKind::HeadOverPatches, is_head)
             }
-            Source::Auto => return Err(not_covered("choose split:3:mis2-comp or split:4:patches")),
+            Source::Auto => return Err(not_covered("choose split:3:mis2-comp or split:4:patches+vis")),
             Source::Oracle | Source::Portals(_) | Source::Rival(..) => {
                 return Err(not_covered("choose mis2-comp, patches, or a head"));
             }
@@ -80,7 +87,15 @@ impl DeviceSampler {
             Combiner::TwoSampleMis(_) => TWO_SAMPLE_MIS,
             Combiner::Ris(_) => RIS,
         });
-        Ok(Self { arrays, sources, combiner })
+        let has_visibility = *spec.visibility() == Visibility::Learned;
+        sources.extend((!has_visibility).then_some(NO_CELLS));
+        Ok(Self {
+            arrays,
+            weights: if has_visibility { VISIBILITY } else { UNOCCLUDED },
+            sources,
+            combiner,
+            has_visibility,
+        })
     }
 
     /// Returns the number of directions, of pairs of them, or of candidates.

@@ -3,6 +3,7 @@
 var<private> headtail_weight: f32;
 
 fn headtail_begin(at: HeadtailPoint) {
+    headtail_find_cell(at.p, at.ns);
     headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
     headtail_weight = headtail_share_here();
 }

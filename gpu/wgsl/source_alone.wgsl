@@ -1,6 +1,7 @@
 // Directions from the sampler alone.
 
 fn headtail_begin(at: HeadtailPoint) {
+    headtail_find_cell(at.p, at.ns);
     headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
 }
 

@@ -10,7 +10,7 @@
 //! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
 //! | `cells.wgsl` | the cells of a map |
 //! | `brdf.wgsl` | diffuse and microfacet surfaces |
-//! | `patches.wgsl`, `table.wgsl` | patches; tables |
+//! | `patches.wgsl`, `unoccluded.wgsl`, `table.wgsl` | patches and their weights; tables |
 //! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
 //! | `tail_alone.wgsl`, `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
 //! | `example.wgsl` | a compute shader as an example |
@@ -79,6 +79,8 @@ pub struct Shader {
 
 /// Functions of diffuse and microfacet surfaces, over those of [`Shader::functions`].
 pub const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
+/// Weights of patches without visibility.
+pub const UNOCCLUDED: &str = include_str!("../wgsl/unoccluded.wgsl");
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
 const PREPARED: &str = include_str!("../wgsl/prepared.wgsl");
 const TAIL_ALONE: &str = include_str!("../wgsl/tail_alone.wgsl");
@@ -104,16 +106,20 @@ impl Shader {
     /// # Errors
     /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
     pub fn new(arrays: &[FlatArray]) -> Result<Self> {
-        let mut shader = Self::functions(arrays)?;
+        if arrays.is_empty() {
+            return Err(missing("tail.nodes"));
+        }
+        let mut shader = Self::functions(arrays, UNOCCLUDED)?;
         shader.append(&[EXAMPLE]);
         Ok(shader)
     }
 
-    /// Returns [`Self::new`] without the example. No arrays give the functions that all samplers share.
+    /// Returns [`Self::new`] without the example. No arrays give the functions that all samplers share. `weights` is the WGSL
+    /// of the weights of patches: [`UNOCCLUDED`], or the same functions over learned visibility.
     ///
     /// # Errors
     /// As [`Self::new`].
-    pub fn functions(arrays: &[FlatArray]) -> Result<Self> {
+    pub fn functions(arrays: &[FlatArray], weights: &str) -> Result<Self> {
         let mut shader = Self::of_arrays(arrays)?;
         if arrays.is_empty() {
             shader.append(&[SQUARE]);
@@ -122,7 +128,7 @@ impl Shader {
         let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
         let tail = tail_concepts(arrays, &mut constant)?;
         let concepts = density_concepts(arrays, &mut constant)?;
-        shader.append(&[&[SQUARE, PREPARED][..], &tail, &concepts].concat());
+        shader.append(&[&[SQUARE, PREPARED, weights][..], &tail, &concepts].concat());
         Ok(shader)
     }
 

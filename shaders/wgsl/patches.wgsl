@@ -79,12 +79,17 @@ fn headtail_mass(start: u32, k: u32, at: HeadtailSurface, is_leaf: bool) -> f32 
 
 struct HeadtailStep { sums: array<f32, 32>, total: f32 }
 
-// The running sums of the masses of `count` patches from `first` on.
-fn headtail_sums(start: u32, first: u32, count: u32, at: HeadtailSurface, is_leaf: bool) -> HeadtailStep {
+// The running sums of the masses of the parts of a patch from `first` on, with the weights of those of a cluster if there is one.
+fn headtail_sums(start: u32, first: u32, at: HeadtailSurface, cluster: u32) -> HeadtailStep {
     var step: HeadtailStep;
     step.total = 0.0;
-    for (var k = 0u; k < count; k++) {
-        step.total += headtail_mass(start, first + k, at, is_leaf);
+    for (var k = 0u; k < HEADTAIL_PARTS; k++) {
+        let mass = headtail_mass(start, first + k, at, true);
+        if (cluster < HEADTAIL_CLUSTERS) {
+            step.total += headtail_part_weight(cluster, k) * mass;
+        } else {
+            step.total += mass;
+        }
         step.sums[k] = step.total;
     }
     return step;
@@ -98,7 +103,7 @@ fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
     var squared = 0.0;
     step.total = 0.0;
     for (var k = 0u; k < HEADTAIL_CLUSTERS; k++) {
-        let mass = headtail_mass(HEADTAIL_PATCHES_CLUSTERS, k, at, false);
+        let mass = headtail_cluster_weight(k) * headtail_mass(HEADTAIL_PATCHES_CLUSTERS, k, at, false);
         step.total += mass;
         squared += mass * headtail_floats[HEADTAIL_PATCHES_CLUSTERS + 16u * k + 14u];
         step.sums[k] = step.total;
@@ -182,14 +187,14 @@ fn headtail_walk(aim: HeadtailAim) -> HeadtailPatch {
     var found = headtail_descend(headtail_integers[roots], step, aim, own.x, vec4<f32>(0.0, 1.0, 0.0, 1.0));
     var probability = headtail_part(found.mass, step.total);
     let cluster = found.place;
-    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, cluster * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+    step = headtail_sums(HEADTAIL_PATCHES_LEAVES, cluster * HEADTAIL_PARTS, at, cluster);
     found = headtail_descend(headtail_integers[roots + 1u + cluster], step, aim, own.y, found.sides);
     probability *= headtail_part(found.mass, step.total);
     let leaf = cluster * HEADTAIL_PARTS + found.place;
     var rectangle = headtail_four(HEADTAIL_PATCHES_LEAF_RECTANGLES, leaf);
     var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
     if (at.lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
-        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, HEADTAIL_PARTS, at, true);
+        step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, at, HEADTAIL_CLUSTERS);
         found = headtail_descend(headtail_integers[roots + 1u + HEADTAIL_CLUSTERS + leaf], step, aim, own.z, found.sides);
         probability *= headtail_part(found.mass, step.total);
         let twig = leaf * HEADTAIL_PARTS + found.place;

@@ -75,6 +75,7 @@
     });
     resources = {};
     for (const [name, packed] of Object.entries(content.scene)) resources[name] = buffer(await unpack(packed), GPUBufferUsage.STORAGE);
+    resources.Visibility = buffer(new Uint32Array(8), GPUBufferUsage.STORAGE);
     const film = () => device.createBuffer({ size: 48 * width * height, usage: GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST });
     films = { left: film(), right: film(), reference: film() };
     const format = navigator.gpu.getPreferredCanvasFormat();

@@ -116,6 +116,7 @@ fn page(opened: &OpenedView, specs: &[&SamplerSpec]) -> Result<String> {
 /// Returns a sampler's program and the numbers of a round of its samples.
 fn sampler(opened: &OpenedView, scene: &LitScene, spec: &SamplerSpec) -> Result<Value> {
     let program = Program::new(scene, spec)?;
+    ensure!(!program.has_visibility, "sampler '{spec}': visibility depends on the view, which turns; leave out +vis");
     let points = Points::new(PointSet::Lattice { samples: SAMPLES }, 0);
     let view = opened.view();
     let numbers = ViewWords::new(&view, view.whole(), points, (0, SAMPLES), &program.groups);

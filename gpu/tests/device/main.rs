@@ -17,7 +17,7 @@ use headtail_render::{
     integrator::{self, Budget, Rendering, View},
     points::{PointSet, Points},
     scene::{Material, MaterialSpec, Scene},
-    spec::SamplerSpec,
+    spec::{BuildContext, SamplerSpec},
     tail::{Tail, TailKind},
 };
 use headtail_shaders::gpu::Gpu;
@@ -54,7 +54,7 @@ const TABLE: &str = "{table}";
 /// The scene of `furnished.rs`.
 const FURNISHED: &str = "furnished";
 
-const CASES: [Case; 15] = [
+const CASES: [Case; 17] = [
     case("temple", "studio", LAMBERT, "brdf"),
     case("temple", "studio", LAMBERT, "head+mis:../checkpoints/studio-head.safetensors"),
     case("temple", "sunset", LAMBERT, "split:2:direct+mis:{table}"),
@@ -66,6 +66,8 @@ const CASES: [Case; 15] = [
     case("dishes", "sunset", GGX, "ris:5"),
     case("dishes", "studio", Some("ggx:alpha=0.02"), "patches:fine"),
     case("droid", "studio", None, "split:2:mis-comp"),
+    case("arcade", "window", LAMBERT, "split:4:patches+vis"),
+    case("arcade", "sunset", GGX, "patches+vis"),
     Case { depth: 4, ..case("bedroom", "window", None, "mis2-comp") },
     Case { unshadowed: true, ..case("arcade", "sunset", LAMBERT, "mis2-comp") },
     case(FURNISHED, "sunset", None, "split:4:patches"),
@@ -99,11 +101,22 @@ impl Case {
         let (width, height) = (WIDTH, HEIGHT);
         let view = View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed, depth };
         let (points, stop) = (Points::new(PointSet::LATTICE, 3), AtomicBool::new(false));
-        let estimator = spec.build(&environment)?;
+        let context = BuildContext { always: true, ..BuildContext::default() };
+        let estimator = spec.build_in(&environment, context)?;
         let expected = integrator::render(view, &*estimator, Budget::Spp(SAMPLES), points, &stop, &|_| {});
         let lit = LitScene::new(&scene, environment.clone())?;
-        let renderer = Renderer::new(gpu, &lit, &Program::new(&lit, &spec)?)?;
+        let program = Program::new(&lit, &spec)?;
+        let mut renderer = Renderer::new(gpu, &lit, &program)?;
+        if program.has_visibility {
+            renderer = renderer.with_visibility(spec.build_learned(&environment, BuildContext::default())?.always());
+        }
         let found = renderer.render(&view, view.whole(), Budget::Spp(SAMPLES), points, &stop, &|_| {})?;
+        if program.has_visibility {
+            let cells = [&found, &expected].map(|picture| picture.learned.map(|size| (size.cells, size.pays)));
+            if cells[0] != cells[1] || !matches!(cells[0], Some((1.., true))) {
+                return Err(format!("learned visibility: {cells:?}").into());
+            }
+        }
         compare(&found, &expected)
     }
 }

@@ -13,7 +13,7 @@ use super::{
 use crate::{
     estimator::{LearnedVisibility, ViewGeometry, VisibilityTrainer},
     points::{PointSet, Points},
-    visibility::SceneVisibility,
+    visibility::{CacheSize, FlatVisibility, SceneVisibility},
 };
 
 /// First sample number of training. Pictures use lower ones, so that they are independent of it.
@@ -138,6 +138,21 @@ pub(super) fn learn_before(
         }
     }
     trainer.finish();
+}
+
+/// Trains visibility for a part of a picture as [`render_part`](super::render_part) does before the first sample, for
+/// renderers on other devices. Returns the weights, if they are used, and the size of the cache.
+pub fn learn_weights(
+    (view, part): (View<'_>, Part),
+    estimator: &LearnedVisibility,
+    budget: Budget,
+    seed: u64,
+    stop: &AtomicBool,
+) -> (Option<FlatVisibility>, CacheSize) {
+    view.scene.prepare_materials();
+    let mut session = estimator.session(view_geometry(&view, part));
+    learn_before((&view, part), &mut session, budget, seed, stop);
+    (session.flat(), session.size())
 }
 
 fn learn(

@@ -21,7 +21,7 @@ mod wavefront;
 
 pub use features::{Features, features};
 pub(crate) use learn::TrainingPass;
-pub use learn::learn_visibility;
+pub use learn::{learn_visibility, learn_weights};
 pub use render::{MAX_SIDE, render, render_part};
 pub use rendering::{Budget, Rendering};
 pub use view::{Part, View};

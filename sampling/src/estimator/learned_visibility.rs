@@ -17,7 +17,8 @@ use crate::{
     tail::TailKind,
     tile::Rows,
     visibility::{
-        CacheSize, Cells, Division, PrecomputedVisibility, SceneVisibility, Unoccluded, VisibilityCache, Weighting,
+        CacheSize, Cells, Division, FlatVisibility, PrecomputedVisibility, SceneVisibility, Unoccluded,
+        VisibilityCache, Weighting,
     },
 };
 
@@ -144,6 +145,12 @@ impl LearningSession<'_> {
     #[must_use]
     pub fn resuming(self, visibility: SceneVisibility) -> Self {
         Self { cache: self.cache.resuming(visibility), ..self }
+    }
+
+    /// Returns the weights that it has learned, without precomputed ones, as lists for other devices; `None` if they are not
+    /// used. Clusters are in the order of [`flat_patches`](crate::export::flat_patches).
+    pub fn flat(&self) -> Option<FlatVisibility> {
+        self.cache.flat(self.estimator.sampler.get().cluster_numbers())
     }
 
     /// Returns the counts. `scene_hash` is

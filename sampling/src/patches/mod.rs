@@ -254,6 +254,11 @@ impl PatchSampler {
         WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
     }
 
+    /// Returns the number of each cluster in the order of the map, which that of [`Self::division`] is.
+    pub(crate) fn cluster_numbers(&self) -> &[usize] {
+        &self.patches.numbers
+    }
+
     /// The patches that weights refer to, in the order of the map, with their fractions of the light; 0 for
     /// missing patches.
     pub fn division(&self) -> Division {

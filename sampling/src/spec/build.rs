@@ -65,7 +65,7 @@ impl SamplerSpec {
             return self.resolved(context.scene.is_some()).build_in(environment, context);
         }
         if self.visibility != Visibility::None {
-            return Ok(Box::new(self.with_visibility_in(environment, context)?));
+            return Ok(Box::new(self.build_learned(environment, context)?));
         }
         let (sampler, environment) = (self.source.build(self.companion, environment, context)?, environment.clone());
         Ok(match self.combiner {
@@ -93,11 +93,17 @@ impl SamplerSpec {
     }
 
     /// Builds the estimator of a SPEC with visibility.
-    fn with_visibility_in(
+    ///
+    /// # Errors
+    /// [`Error::Argument`] if the SPEC has none; otherwise as [`Self::build_in`].
+    pub fn build_learned(
         &self,
         environment: &Arc<Environment>,
         context: BuildContext<'_>,
     ) -> Result<LearnedVisibility> {
+        if self.visibility == Visibility::None {
+            return Err(Error::argument(format!("sampler '{self}'"), "has no visibility"));
+        }
         let estimator = match &self.source {
             Source::File(kind, file) => kind
                 .read(file)?

@@ -12,6 +12,7 @@
 //! | `counts.rs` | shadow rays counted by cell and patch |
 //! | `estimate.rs` | visibility from counts, and weights from visibility |
 //! | `division.rs`, `weights.rs` | the patches that weights refer to; the weights |
+//! | `flat.rs` | weights as lists, for other devices |
 //! | `predicted_gain.rs` | whether weights gain more than they cost |
 //! | `precomputed.rs`, `file.rs` | precomputed visibility, and its file |
 //!
@@ -26,12 +27,14 @@ mod counts;
 mod division;
 mod estimate;
 mod file;
+mod flat;
 mod precomputed;
 mod predicted_gain;
 mod weights;
 
 pub use cells::Cells;
 pub use division::{CLUSTERS, Division, PATCHES};
+pub use flat::FlatVisibility;
 pub use precomputed::{PrecomputedVisibility, SceneVisibility};
 pub use weights::{Unoccluded, Weighting, Weights};
 
@@ -221,6 +224,13 @@ impl VisibilityCache {
     ) -> Vec<T> {
         let precomputed = |key| self.precomputed.as_ref().and_then(|cells| cells.visibility(key));
         estimate::estimate(&self.counts, precomputed, chosen, of)
+    }
+
+    /// Returns the weights of the cells of this rendering, without precomputed ones, if they are used.
+    pub(crate) fn flat(&self, order: &[usize]) -> Option<FlatVisibility> {
+        let cells = self.weights.len().saturating_sub(1);
+        let of_cell = |cell: usize| (self.counts.key(cell), &self.weights[cell + 1]);
+        self.pays().then(|| FlatVisibility::new(&self.cells, (0..cells).map(of_cell), order))
     }
 
     /// Returns the number of the weights at a key: those of the finest cell.

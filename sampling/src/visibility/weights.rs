@@ -9,8 +9,8 @@ use crate::{
 /// Weights of the patches from a cell, each above 0 and at most 1, in steps of 1/255.
 #[derive(Clone, Debug)]
 pub struct Weights {
-    clusters: [u8; CLUSTERS],
-    patches: [[u8; LANES]; CLUSTERS],
+    pub(super) clusters: [u8; CLUSTERS],
+    pub(super) patches: [[u8; LANES]; CLUSTERS],
 }
 
 impl Weights {
