@@ -10,7 +10,7 @@ const SLOT: usize = 3;
 
 /// The weights of all cells, and where they are found.
 ///
-/// A cell has the key of [`Cells::key`] of its points, or one of their next levels ([`CellKey::parent`]); the finest one
+/// A cell has the key of [`Cells::key`] of its points, or one of their next levels (`CellKey::parent`); the finest one
 /// counts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlatVisibility {
