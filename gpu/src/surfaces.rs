@@ -56,8 +56,9 @@ impl Surfaces {
     pub fn new(scene: &Scene, faces: &[FlatFace]) -> Result<Self> {
         let mut surfaces = Self::default();
         surfaces.masks = scene.flat_masks().into_iter().map(|mask| surfaces.mask(mask)).collect::<Result<_>>()?;
-        let used = |index: usize| faces.iter().any(|face| face.material == index);
-        let of_material = |(index, material)| match used(index) {
+        let mut used = vec![false; scene.materials().len()];
+        faces.iter().for_each(|face| used[face.material] = true);
+        let of_material = |(index, material): (usize, _)| match used[index] {
             true => surfaces.material(material),
             false => Ok([NONE; OF_MATERIAL]),
         };

@@ -66,15 +66,21 @@ fn open(browser: &str, page: &Path, dark: bool) -> String {
     found.unwrap_or_else(|| panic!("{}: the probe did not run: {log}", page.display())).0.to_owned()
 }
 
-#[test]
-fn pages_work_in_a_browser() {
+/// Returns the browser; reports a skip and returns `None` if there is none and none was named.
+pub fn browser() -> Option<String> {
     let named = std::env::var("HEADTAIL_CHROMIUM").ok();
     let browser = named.clone().unwrap_or_else(|| "chromium".into());
     if Command::new(&browser).arg("--version").output().is_err() {
         assert!(named.is_none(), "{browser} cannot be started");
         eprintln!("skipped: {browser} is not there (name a browser by HEADTAIL_CHROMIUM)");
-        return;
+        return None;
     }
+    Some(browser)
+}
+
+#[test]
+fn pages_work_in_a_browser() {
+    let Some(browser) = browser() else { return };
     let here = folder();
     let path = here.path();
     // Sampler names can be as long as paths.

@@ -12,7 +12,7 @@ use std::{
 
 use headtail_render::image::read_radiance;
 
-use super::{fail, folder, succeed};
+use super::{browser::browser, fail, folder, succeed};
 
 const WIDTH: usize = 48;
 const HEIGHT: usize = 32;
@@ -36,13 +36,7 @@ fn live_pages_render_what_the_program_renders() {
     let said = fail(path, &format!("live {view} --samplers mis --points sobol --out other.html"));
     assert!(said.contains("--points sobol") && !path.join("other.html").exists(), "{said}");
 
-    let named = std::env::var("HEADTAIL_CHROMIUM").ok();
-    let browser = named.clone().unwrap_or_else(|| "chromium".into());
-    if Command::new(&browser).arg("--version").output().is_err() {
-        assert!(named.is_none(), "{browser} cannot be started");
-        eprintln!("skipped: {browser} is not there (name a browser by HEADTAIL_CHROMIUM)");
-        return;
-    }
+    let Some(browser) = browser() else { return };
     let sent = open(&browser, &page);
     let said = String::from_utf8(sent.iter().find(|(name, _)| name == "/done").expect("an answer").1.clone()).unwrap();
     if said.contains("has no WebGPU") || said.contains("no graphics adapter") {
