@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# A crate whose folder does not exist has no modules. A binary of several files is a crate of its own.
+# A binary of several files is a crate of its own.
 CRATES = ["sampling/src", "render/src", "model/src", "train/src", "shaders/src", "gpu/src", "capi/src", "eval/src", "eval/src/bin/results", "src", "python/src"]
 WIDTH = 120
 
@@ -54,7 +54,7 @@ def code_of(text):
 
 def paths_of(text, module):
     """Yields the paths in a module's code outside test modules, from the crate's root."""
-    text = code_of(text)
+    text = re.sub(r"\bpub\([^)]*\)", "pub", code_of(text))
     for match in re.finditer(r"\b(crate|super)((?:::\w+)*)(::\{)?", text):
         path = match[2].split("::")[1:]
         base = []
@@ -68,6 +68,12 @@ def paths_of(text, module):
         end = end_of_braces(text, match.end())
         for part in parts_of(text[match.end() : end - 1]):
             yield base + path + re.split(r"\{| as ", part)[0].strip(":").split("::")
+
+
+def children_of(text, names):
+    """Returns the child modules of these names that a module's code uses, other than to make their items public."""
+    text = re.sub(r"\bpub(\([^)]*\))? use [^;]*;", "", code_of(text))
+    return [name for name in names if re.search(rf"(?<![:\w]){name}::|\buse (?:self::)?\{{[^;]*\b{name}::", text)]
 
 
 def graph_of(crate):
@@ -87,6 +93,8 @@ def graph_of(crate):
             known = next((tuple(path[:k]) for k in range(len(path), 0, -1) if tuple(path[:k]) in modules), None)
             if known and known != module:
                 found.add(known)
+        children = [other[-1] for other in modules if other[:-1] == module]
+        found.update((*module, name) for name in children_of(file.read_text(), children))
     return graph
 
 

@@ -6,13 +6,9 @@ use headtail_train::FitConfig;
 
 /// Core-seconds per training point of a network with few bins. All figures: AMD EPYC (Zen 3) with AVX2.
 const TRAINING_POINT: f64 = 3e-6;
-/// Core-seconds per step of a head on the features of a neural material.
-const NEURAL_HEAD_STEP: f64 = 0.009;
 /// Core-seconds per step of a flow tail of 64 bins and 4096 points; the smaller one of quick runs takes as
 /// long.
 const FLOW_STEP: f64 = 0.03;
-/// Core-seconds per step of NeuSample's flow with 128 views.
-const RIVAL_STEP: f64 = 0.052;
 /// Core-seconds per point at which the samplers of a regime are measured.
 const MEASURED_POINT: f64 = 2e-5;
 
@@ -24,19 +20,9 @@ pub fn training(config: &FitConfig) -> f64 {
     points as f64 * TRAINING_POINT * (0.75 + config.head.bins as f64 / 32.0)
 }
 
-/// Core-seconds to train a head on the features of a neural material.
-pub fn neural_head(steps: usize) -> f64 {
-    steps as f64 * NEURAL_HEAD_STEP
-}
-
 /// Core-seconds to train a flow tail.
 pub fn flow_tail(steps: usize) -> f64 {
     steps as f64 * FLOW_STEP
-}
-
-/// Core-seconds to train NeuSample's flow.
-pub fn rival(steps: usize) -> f64 {
-    steps as f64 * RIVAL_STEP
 }
 
 /// Seconds to train a configuration, flow tail included, on the available threads.

@@ -15,7 +15,7 @@
 //! | `live/` | a page that renders by WebGPU |
 //! | `composite/`, `view.rs` | photographs |
 //! | `inspect/`, `info.rs` | the contents of files |
-//! | `autosize/`, `sweep/`, `stability/`, `backends.rs`, `paper/` | measuring many samplers |
+//! | `autosize/`, `sweep/`, `stability/`, `backends.rs` | measuring many samplers |
 //! | `completions.rs` | shell completions |
 
 mod arguments;
@@ -43,7 +43,6 @@ mod light;
 mod live;
 mod material;
 mod output;
-mod paper;
 mod progress;
 mod render;
 mod report;
@@ -92,7 +91,6 @@ enum Command {
     Composite(composite::Arguments),
     View(view::Arguments),
     Live(live::Arguments),
-    Paper(paper::Arguments),
     Scenes(scenes::Arguments),
     Backends(backends::Arguments),
     Info(info::Arguments),
@@ -147,7 +145,6 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Composite(arguments) => composite::run(&arguments),
         Command::View(arguments) => view::run(&arguments),
         Command::Live(arguments) => live::run(&arguments),
-        Command::Paper(arguments) => paper::run(&arguments),
         Command::Scenes(arguments) => scenes::run(&arguments),
         Command::Backends(arguments) => backends::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),

@@ -133,11 +133,6 @@ impl DirectionBench {
         self.points.len()
     }
 
-    /// Returns the shading point that reflects the most light; `None` if none sees any.
-    pub fn brightest(&self) -> Option<ShadingPoint> {
-        self.points.iter().max_by(|a, b| a.total.total_cmp(&b.total)).map(|point| point.at)
-    }
-
     /// Measures a sampler.
     pub fn measure(&self, sampler: &dyn Sampler) -> DirectionStatistics {
         let ones: Vec<One> =

@@ -1,5 +1,4 @@
-//! Recordings: commands whose output is data, such as benches, `headtail paper`, `headtail stability` and
-//! other renderers.
+//! Recordings: commands whose output is data, such as benches, `headtail stability` and other renderers.
 
 use std::{
     path::{Path, PathBuf},

@@ -17,7 +17,7 @@ use headtail_render::{
 };
 
 use super::{
-    Arguments,
+    arguments::Arguments,
     candidates::{Candidate, HeadMaterial, Recipe, draws_one, forms, plain, tables},
     choice::{CandidateSummary, Choice, choose, least},
     lineup::{BuiltSampler, build},

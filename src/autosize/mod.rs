@@ -2,12 +2,14 @@
 //!
 //! | file | concept |
 //! | --- | --- |
+//! | `arguments.rs` | the command line |
 //! | `candidates.rs`, `lineup.rs` | candidate samplers, and preparing one |
 //! | `contest.rs`, `stages.rs` | measuring and dropping candidates; progress |
 //! | `training.rs` | which heads are trained, and how far |
 //! | `score.rs`, `choice.rs` | error at the end of the time; the choice |
 //! | `page.rs` | `autosize.html` |
 
+mod arguments;
 mod candidates;
 mod choice;
 mod contest;
@@ -17,71 +19,19 @@ mod score;
 mod stages;
 mod training;
 
-use std::{path::PathBuf, time::Instant};
+pub use arguments::Arguments;
+
+use std::time::Instant;
 
 use anyhow::{Result, bail, ensure};
-use clap::Args;
 
 use self::{candidates::HeadMaterial, contest::Contest};
 use crate::terminal::{self, say};
 use crate::{
     arguments::{CameraArguments, ViewArguments},
-    given::given,
     output::OutputFolder,
     progress,
 };
-use headtail_render::scene::MaterialSpec;
-
-/// Find the smallest sampler that is good enough for a scene under a map.
-#[derive(Args)]
-#[command(after_help = "Examples:
-  headtail autosize --env room.hdr --scene temple --out out/room
-  headtail autosize --env sky.exr --scene spot.glb --ground --material ggx:alpha=0.2 --prepare-seconds 60 --render-seconds 600 --out out/sky
-
-Candidates, in the order of their cost, are BRDF sampling, MIS in its forms, resampling, patches, tables of several sizes, trained heads of several sizes, one of them over patches; \
-the best are also tried with several directions per point or learned visibility. Each is measured until it is decided. Errors are those after --render-seconds, preparation included. \
-A head is trained only if a perfect head with its sampling time would win. DIR/autosize.html shows the choice; \
-DIR/winner and DIR/cheapest name the samplers as --sampler takes them, with their files beside them.")]
-pub struct Arguments {
-    /// Built-in environment (overcast, window, studio, sunset) or map.
-    /// Maps are Radiance .hdr or OpenEXR files.
-    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
-    env: String,
-    /// Built-in scene or glTF 2.0 file.
-    #[arg(long, value_name = "NAME|FILE", value_parser = given::<String>())]
-    scene: String,
-    /// Give every surface one material, as `render` does.
-    /// Default: the scene's materials.
-    #[arg(long, value_name = "SPEC", value_parser = given::<MaterialSpec>())]
-    material: Option<MaterialSpec>,
-    /// Put a grey diffuse plane under the scene.
-    #[arg(long)]
-    ground: bool,
-    /// Width of the trial pictures in pixels.
-    #[arg(long, default_value_t = 96, value_parser = clap::value_parser!(u32).range(8..=4096))]
-    width: u32,
-    /// Height of the trial pictures in pixels.
-    #[arg(long, default_value_t = 72, value_parser = clap::value_parser!(u32).range(8..=4096))]
-    height: u32,
-    /// Maximum time to prepare a sampler.
-    #[arg(long, value_name = "SECONDS", default_value_t = 30.0)]
-    prepare_seconds: f64,
-    /// Time for preparation and rendering together.
-    /// The error after this time counts.
-    #[arg(long, value_name = "SECONDS", default_value_t = 60.0)]
-    render_seconds: f64,
-    /// Measure every candidate to the end and drop none.
-    /// Shows the cost of the usual shortcuts.
-    #[arg(long)]
-    exhaustive: bool,
-    /// Print the figures of all candidates as an array of JSON objects.
-    /// The best comes first.
-    #[arg(long)]
-    json: bool,
-    /// Folder for the results.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-}
 
 /// Runs the contest, writes its results and reports the choice.
 pub fn run(arguments: &Arguments) -> Result<()> {

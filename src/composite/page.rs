@@ -3,7 +3,7 @@
 use headtail_render::composite::{Film, MaskForm};
 use maud::{Markup, html};
 
-use super::{Arguments, Setting};
+use super::{arguments::Arguments, setting::Setting};
 use crate::report::{
     number::duration,
     shell::Page,

@@ -13,7 +13,7 @@ use headtail_render::{
     scene::{Camera, FspyProject, MaterialSpec, Scene},
 };
 
-use super::Arguments;
+use super::arguments::Arguments;
 use crate::arguments::{open_environment, open_scene, say_remarks};
 use crate::light::{Factors, LightArguments};
 use crate::terminal::note;

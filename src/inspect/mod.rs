@@ -35,6 +35,7 @@ use crate::given::given;
 use crate::output::OutputFile;
 use crate::report::{
     chart::{Panel, Scale, Sides, densities},
+    number,
     vector::Chart,
 };
 use crate::terminal::{self, out};
@@ -149,12 +150,12 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         kind(&exported.intermediate),
         exported.environment,
         exported.tail.kind().name(),
-        numbers(at.ns)
+        number::vector(at.ns)
     );
     if let Some(material @ (MaterialSpec::Measured { .. } | MaterialSpec::Neural(_))) = &arguments.material {
-        title += &format!(", {material}, view {}", numbers(at.wo));
+        title += &format!(", {material}, view {}", number::vector(at.wo));
     } else if at.surface.brdf == BrdfTable::GGX {
-        title += &format!(", alpha {}, view {}", at.lobe_width(), numbers(at.wo));
+        title += &format!(", alpha {}, view {}", at.lobe_width(), number::vector(at.wo));
     }
     let mut facts = format!(
         "KL(target || sampler) {:.4} nats, relative variance {:.4}, integral of q {:.5}",
@@ -177,11 +178,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         out!("{title}\n{facts}\n{} written", arguments.out.display());
     }
     Ok(())
-}
-
-/// Formats a vector.
-fn numbers(v: Vec3A) -> String {
-    format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z)
 }
 
 fn write(output: &OutputFile, picture: &Chart) -> Result<()> {

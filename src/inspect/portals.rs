@@ -12,9 +12,9 @@ use headtail_render::{
 };
 use serde_json::{Value, json};
 
-use super::numbers;
 use crate::{
     output::OutputFile,
+    report::number,
     terminal::{self, out, warning},
 };
 
@@ -69,8 +69,8 @@ pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Resul
             name(number),
             portal.width,
             portal.height,
-            numbers(portal.center),
-            numbers(portal.normal)
+            number::vector(portal.center),
+            number::vector(portal.normal)
         );
     }
     out!(

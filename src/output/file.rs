@@ -13,7 +13,8 @@ use headtail_render::file;
 use super::{
     FORCE, digits,
     inputs::{Planned, advice},
-    lock_file, make_folder,
+    lock::lock_file,
+    make_folder,
     record::{self, Entry, RECORD},
     request,
 };

@@ -43,7 +43,7 @@ impl fmt::Display for Entry {
 /// If the record cannot be opened.
 pub fn lock(folder: &Path) -> Result<Option<File>> {
     for _ in 0..5 {
-        let lock = super::lock_file(&folder.join(RECORD))?;
+        let lock = super::lock::lock_file(&folder.join(RECORD))?;
         if lock.is_some() {
             return Ok(lock);
         }

@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result, ensure};
 
-use super::Measurement;
 use super::summary::Summary;
+use headtail_eval::Measurement;
 
 /// The columns in order.
 const COLUMNS: [&str; 17] = [

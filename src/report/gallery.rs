@@ -3,11 +3,11 @@
 use anyhow::{Context, Result};
 use headtail_render::statistics::{HdrFlip, PIXELS_PER_DEGREE};
 
+use super::comparison::{Comparison, RenderedImage};
 use super::crop::Crop;
 use super::picture::{self, ErrorMap, ErrorScale};
 use super::radiance;
 use super::summary::{Budget, Summary};
-use super::{Comparison, RenderedImage};
 use crate::exposure;
 
 /// Up to this number of pixels in all pictures, the page contains linear values of all, about four bytes per

@@ -1,5 +1,6 @@
 //! Formatting of numbers: a few significant digits, powers of ten in superscript; HTML escaping.
 
+use glam::Vec3A;
 use headtail_render::statistics::{MeanInterval, RatioInterval};
 
 /// Escapes text for HTML elements and quoted attributes.
@@ -129,6 +130,11 @@ pub fn duration(seconds: f64) -> String {
         s if s >= 1e-3 => format!("{} ms", text(s * 1e3)),
         _ => "under 1 ms".to_owned(),
     }
+}
+
+/// Formats a vector.
+pub fn vector(v: Vec3A) -> String {
+    format!("{:.3} {:.3} {:.3}", v.x, v.y, v.z)
 }
 
 fn scaled(value: f64, exponent: i32) -> f64 {

@@ -6,7 +6,6 @@ use anyhow::Result;
 use headtail_render::statistics::RatioInterval;
 use maud::{Markup, html};
 
-use super::Measurement;
 use super::chart::Extent;
 use super::chart::pareto::{FRONT, MeasuredSampler, on_front, scatter};
 use super::kind::Look;
@@ -14,6 +13,7 @@ use super::number::{ends, times};
 use super::shell::{Page, count};
 use super::summary::{Budget, Measure, Summary, in_order};
 use super::table::{Cell, Column, Table, Value};
+use headtail_eval::Measurement;
 
 /// A comparison at one budget.
 struct Scene {

@@ -7,8 +7,8 @@ use headtail_render::color::{srgb_decode, tone_map};
 use headtail_render::image::{Image, encode_png, encode_png_rgb8};
 use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, flip};
 
-use super::Comparison;
 use super::colours::ERROR;
+use super::comparison::Comparison;
 
 /// Maximum width of an error map. Errors are averaged over squares of pixels, since the error of a single
 /// pixel is mostly noise.

@@ -175,9 +175,9 @@ fn bold(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Measurement;
     use super::super::synthetic;
     use super::*;
+    use headtail_eval::Measurement;
 
     /// Three runs per sampler with MSEs 2 % apart around the given one; the order of the noise differs by
     /// sampler.

@@ -5,8 +5,8 @@ use std::cmp::Ordering;
 use anyhow::{Result, ensure};
 use headtail_render::statistics::{MeanInterval, Moments, RatioInterval, TTest};
 
-use super::Measurement;
 use super::kind::Look;
+use headtail_eval::Measurement;
 
 /// The default baseline.
 const BASELINE: &str = "mis";

@@ -1,12 +1,13 @@
 //! A synthetic comparison for tests: a lit ball on a plane with the noise of samplers of known quality.
 
+use headtail_eval::Measurement;
 use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
 use headtail_render::statistics::{ErrorMetrics, ttuv};
 
 use headtail_eval::mean_luminance;
 
-use super::{Comparison, Measurement, Preparation, RenderedImage, State};
+use super::comparison::{Comparison, Preparation, RenderedImage, State};
 
 /// A run with arbitrary results.
 pub fn row(sampler: &str, budget: &str, run: u32) -> Measurement {

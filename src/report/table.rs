@@ -76,14 +76,6 @@ impl Cell {
         }
     }
 
-    /// Converts the value to a JSON string, number or null, without its interval.
-    pub fn json(&self) -> serde_json::Value {
-        match &self.value {
-            Value::Text(words) => words.as_str().into(),
-            _ => self.amount().into(),
-        }
-    }
-
     fn html(&self) -> String {
         match &self.value {
             Value::Text(words) => number::escape(words),

@@ -3,7 +3,7 @@
 use anyhow::Result;
 
 use super::{
-    Comparison, RenderedImage,
+    comparison::{Comparison, RenderedImage},
     crop::Crop,
     number::{text, times},
     picture::{ErrorMap, data_address, rendering},

@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use anyhow::Result;
 
-use super::Measurement;
 use super::summary::{Measure, Summary};
+use headtail_eval::Measurement;
 
 /// Returns a heading, then a line per sampler and budget: number of runs, mean MSE, its ratio to the
 /// baseline's with the 95 % interval, samples per pixel, seconds.

@@ -5,21 +5,17 @@ use std::{
     sync::{Arc, atomic::AtomicBool},
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Result, ensure};
 use headtail_eval::{DirectionBench, DirectionEffort, DirectionStatistics};
 use headtail_render::{
     head::{Head, Linear},
     patches::{Detail, PatchSampler},
     sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, ProductSampler, Sampler},
     tail::{Tail, TailKind},
-    tile::ShadingPoint,
 };
 use headtail_train::{FitConfig, Run, Viewpoints, build_target, fit, fit_tail, native_head};
 
-use super::{
-    picture::Pictures,
-    regime::{Change, Regime, to_half_precision},
-};
+use super::regime::{Change, Regime, to_half_precision};
 
 /// A description of each method.
 pub const METHODS: [(&str, &str); 6] = [
@@ -72,9 +68,6 @@ pub struct StabilityContext<'a> {
     bench: DirectionBench,
     config: FitConfig,
     rows: Vec<Row>,
-    pictures: Pictures,
-    /// The shading point of the pictures.
-    pictured: ShadingPoint,
     stop: &'a AtomicBool,
     /// The tail of all methods.
     tail: OnceCell<Arc<Tail>>,
@@ -87,18 +80,15 @@ impl<'a> StabilityContext<'a> {
         config: FitConfig,
         effort: DirectionEffort,
         stop: &'a AtomicBool,
-    ) -> Result<(Vec<Row>, Pictures)> {
+    ) -> Result<Vec<Row>> {
         let light = EnvironmentLight::new(regime.environment.clone(), TailKind::Hierarchical)?;
         let bench = DirectionBench::new(&regime.name, &light, effort, |index| regime.shading_point(index));
-        let brightest = bench.brightest().filter(|_| bench.lit() > 1);
-        let brightest = brightest.with_context(|| format!("{}: no shading point sees light", regime.name))?;
-        let pictures = Pictures::new(&brightest, &regime.environment);
-        let (rows, pictured) = (Vec::new(), brightest);
-        let mut context = Self { regime, bench, config, rows, pictures, pictured, stop, tail: OnceCell::new() };
+        ensure!(bench.lit() > 1, "{}: no shading point sees light", regime.name);
+        let mut context = Self { regime, bench, config, rows: Vec::new(), stop, tail: OnceCell::new() };
         context.add(MIS, &OneSampleMis::new(EmitterSampler::new(light.clone()), BrdfSampler), 0, "");
         context.add(PATCHES, &OneSampleMis::new(PatchSampler::new(light, Detail::Leaves)?, BrdfSampler), 0, "");
         context.heads();
-        Ok((context.rows, context.pictures))
+        Ok(context.rows)
     }
 
     fn heads(&mut self) {
@@ -134,7 +124,6 @@ impl<'a> StabilityContext<'a> {
 
     fn add(&mut self, method: &'static str, sampler: &dyn Sampler, skipped: usize, note: &str) {
         let figures = self.bench.measure(sampler);
-        self.pictures.add(method, sampler, &self.pictured);
         let regime = self.regime.name.clone();
         self.rows.push(Row { regime, method, outcome: Ok(figures), skipped, note: note.to_owned() });
     }

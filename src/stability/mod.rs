@@ -4,11 +4,9 @@
 //! | --- | --- |
 //! | `regime.rs`, `method.rs` | light, surfaces and training; samplers trained in them |
 //! | `saved_rows.rs` | finished regimes as files |
-//! | `table.rs`, `page.rs`, `picture.rs` | `stability.csv`, `stability.html` and its pictures |
+//! | `table.rs` | `stability.csv`, and its chart |
 
 mod method;
-mod page;
-mod picture;
 mod regime;
 mod saved_rows;
 mod table;
@@ -24,12 +22,11 @@ use headtail_train::Backend;
 use crate::terminal::{self, out};
 use crate::{backends::parse, cost, output::OutputFolder, progress};
 use method::{DEFAULT, Row, StabilityContext};
-use picture::Pictures;
 use regime::Regime;
 use saved_rows::SavedRows;
 
 /// Train and measure samplers where importance sampling tends to fail.
-/// Writes DIR/stability.csv, DIR/stability.html and DIR/regimes.svg.
+/// Writes DIR/stability.csv and DIR/regimes.svg, a matrix of all methods in all regimes.
 #[derive(Args)]
 #[command(after_help = "Examples:
   headtail stability --out out/stability --quick
@@ -69,7 +66,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         terminal::only_data();
     }
     let stop = progress::stop_flag()?;
-    let output = OutputFolder::take(&arguments.out, &["stability.csv", "stability.html"])?;
+    let output = OutputFolder::take(&arguments.out, &["stability.csv", "regimes.svg"])?;
     let effort = if arguments.quick {
         DirectionEffort { conditions: 10, strata: (72, 40), draws: 2_000 }
     } else {
@@ -83,12 +80,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     output.begin()?;
     let saved = SavedRows::open(arguments.out.join("regimes"))?;
     let (command, machine) = (terminal::command(), machine());
-    let (csv, html) = (output.file("stability.csv")?, output.file("stability.html")?);
-    let write = |regimes: &[(Regime, Pictures)], rows: &[Row]| -> Result<()> {
-        let page = page::Page { regimes, rows, missing: &missing, command: &command, machine: &machine };
+    let (csv, svg) = (output.file("stability.csv")?, output.file("regimes.svg")?);
+    let write = |rows: &[Row]| -> Result<()> {
         file::replace(&csv, &table::encode(rows, &missing, &machine, &command)?)?;
-        file::replace(&html, page.encode()?.as_bytes())?;
-        page.chart().write(&arguments.out)
+        Ok(file::replace(&svg, table::chart(rows).file().as_bytes())?)
     };
     let configure = |regime: Regime| {
         let mut config = regime.config(arguments.quick);
@@ -103,24 +98,22 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let count = regimes.len();
     let bar = progress::announced_bar(regimes.iter().map(|regime| regime.3).sum(), "regimes");
     let mut done = 0.0;
-    let (mut rows, mut pictured) = (Vec::new(), Vec::new());
-    for (regime, config, known, seconds) in regimes {
-        bar.set_message(&regime.name);
-        let (own, pictures) = match known {
+    let mut rows = Vec::new();
+    for (index, (regime, config, known, seconds)) in regimes.into_iter().enumerate() {
+        bar.set_message(format!("{}: {}", regime.name, regime.why));
+        rows.extend(match known {
             Some(known) => known,
             None => {
-                let (own, pictures) = StabilityContext::run(&regime, config.clone(), effort, &stop)?;
+                let own = StabilityContext::run(&regime, config.clone(), effort, &stop)?;
                 if stop.load(Ordering::Relaxed) {
-                    let done = format!("{} of {count} regimes are done; the same command goes on", pictured.len());
+                    let done = format!("{index} of {count} regimes are done; the same command goes on");
                     bail!(progress::Interrupted::new(done));
                 }
-                let pictures = saved.write(&regime, &config, effort, &own, pictures)?;
-                (own, pictures)
+                saved.write(&regime, &config, effort, &own)?;
+                own
             }
-        };
-        rows.extend(own);
-        pictured.push((regime, pictures));
-        write(&pictured, &rows)?;
+        });
+        write(&rows)?;
         done += seconds;
         bar.set_position(progress::thousandths(done));
     }
@@ -128,13 +121,18 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.json {
         return terminal::print_json(&table::objects(&table::encode(&rows, &missing, &machine, &command)?)?);
     }
-    let worse = rows.iter().filter(|row| row.method == DEFAULT && !page::is_no_worse(&rows, row));
+    let worse = rows.iter().filter(|row| row.method == DEFAULT && !table::is_no_worse(&rows, row));
     for row in worse {
-        out!("{}: {DEFAULT} is worse than one-sample MIS, or stopped", row.regime);
+        let why = row
+            .outcome
+            .as_ref()
+            .err()
+            .map_or("is worse than one-sample MIS".into(), |error| format!("stopped: {error}"));
+        out!("{}: {DEFAULT} {why}", row.regime);
     }
     for (regime, file) in &missing {
         out!("{regime}: not run; give --maps DIR with {file}");
     }
-    out!("{} and {} written", csv.display(), html.display());
+    out!("{} and {} written", csv.display(), svg.display());
     Ok(())
 }

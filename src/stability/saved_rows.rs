@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     method::{METHODS, Row},
-    picture::Pictures,
     regime::Regime,
 };
 use crate::output::make_folder;
@@ -24,7 +23,6 @@ struct Record {
     /// Hash of its inputs.
     key: String,
     rows: Vec<SavedRow>,
-    pictures: Pictures,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -48,7 +46,7 @@ impl SavedRows {
     }
 
     /// Reads a regime that was measured with the same settings; `None` also if the file is damaged.
-    pub fn read(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> Option<(Vec<Row>, Pictures)> {
+    pub fn read(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort) -> Option<Vec<Row>> {
         let record: Record = toml::from_str(&fs::read_to_string(self.path(regime)).ok()?).ok()?;
         let row = |saved: SavedRow| {
             Some(Row {
@@ -60,21 +58,14 @@ impl SavedRows {
             })
         };
         let rows: Option<Vec<Row>> = record.rows.into_iter().map(row).collect();
-        (record.key == key(regime, config, effort)).then_some((rows?, record.pictures))
+        (record.key == key(regime, config, effort)).then_some(rows?)
     }
 
     /// Writes the measurements of a regime.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn write(
-        &self,
-        regime: &Regime,
-        config: &FitConfig,
-        effort: DirectionEffort,
-        rows: &[Row],
-        pictures: Pictures,
-    ) -> Result<Pictures> {
+    pub fn write(&self, regime: &Regime, config: &FitConfig, effort: DirectionEffort, rows: &[Row]) -> Result<()> {
         let saved = |row: &Row| SavedRow {
             method: row.method.to_owned(),
             figures: row.outcome.clone().ok(),
@@ -82,9 +73,8 @@ impl SavedRows {
             skipped: row.skipped,
             note: row.note.clone(),
         };
-        let record = Record { key: key(regime, config, effort), rows: rows.iter().map(saved).collect(), pictures };
-        file::replace(&self.path(regime), toml::to_string(&record)?.as_bytes())?;
-        Ok(record.pictures)
+        let record = Record { key: key(regime, config, effort), rows: rows.iter().map(saved).collect() };
+        Ok(file::replace(&self.path(regime), toml::to_string(&record)?.as_bytes())?)
     }
 
     fn path(&self, regime: &Regime) -> PathBuf {

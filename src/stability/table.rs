@@ -1,10 +1,14 @@
-//! `stability.csv`: one row per regime and method, in full precision.
+//! `stability.csv`: one row per regime and method, in full precision; and all of them as a matrix of colours.
 
 use anyhow::Result;
 use headtail_eval::{DirectionStatistics, variance_ratio};
 use serde_json::Value;
 
-use super::method::{MIS, Row};
+use super::method::{METHODS, MIS, Row};
+use crate::report::{
+    chart::{Cell, Matrix, matrix},
+    vector::Drawing,
+};
 
 /// The columns in order.
 const COLUMNS: [&str; 22] = [
@@ -39,6 +43,29 @@ pub fn ratio(rows: &[Row], row: &Row) -> Option<(f64, f64, f64)> {
         (Ok(figures), Ok(mis)) => Some(variance_ratio(&figures.variances, &mis.variances)),
         _ => None,
     }
+}
+
+/// Whether the variance is at most that of one-sample MIS.
+pub fn is_no_worse(rows: &[Row], row: &Row) -> bool {
+    // Another order of summation changes the last digits.
+    row.method == MIS || ratio(rows, row).is_some_and(|(ratio, ..)| ratio <= 1.001)
+}
+
+/// Draws the ratios of variance, regimes by methods.
+pub fn chart(rows: &[Row]) -> Drawing {
+    let cell = |regime: &str, method: &str| {
+        let row = rows.iter().find(|row| row.regime == regime && row.method == method);
+        row.map_or(Cell::Empty, |row| ratio(rows, row).map_or(Cell::Failed, |(ratio, ..)| Cell::Ratio(ratio)))
+    };
+    let mut regimes: Vec<&str> = rows.iter().map(|row| row.regime.as_str()).collect();
+    regimes.dedup();
+    let methods = || METHODS.iter().map(|(method, _)| *method);
+    let line = |name: &str| (name.to_owned(), methods().map(|method| cell(name, method)).collect());
+    matrix(&Matrix {
+        label: "Variance over that of one-sample MIS, regimes by methods".into(),
+        columns: methods().map(str::to_owned).collect(),
+        rows: regimes.into_iter().map(line).collect(),
+    })
 }
 
 /// Encodes the file. Methods that failed have a message and no figures.

@@ -84,7 +84,7 @@ fn take_off_luck(known: &mut [(&Row<'_>, f64)]) {
 
 /// Returns logarithms of an objective for the trials that have one, minus their mean over the trials of the
 /// same map (every aggregated axis except `seed`).
-pub fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<(&'a Row<'a>, f64)> {
+fn relative<'a>(sweep: &Sweep, rows: &'a [Row<'a>], objective: &str) -> Vec<(&'a Row<'a>, f64)> {
     let known: Vec<(&Row<'_>, f64)> = rows
         .iter()
         .filter_map(|row| Some((row, row.measures?.get(objective).copied()?.ln())))

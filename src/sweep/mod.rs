@@ -12,7 +12,7 @@
 //! | `status.rs`, `estimate.rs` | progress; expected work |
 //! | `collect.rs`, `retry.rs` | one table of all trials; failed trials |
 //! | `report.rs`, `report/` | the page |
-//! | `effect.rs`, `forest.rs` | effects of a setting's values; importance of settings |
+//! | `effect.rs` | effects of a setting's values |
 //! | `arguments.rs`, `location.rs` | the command line; the sweep of a command |
 
 mod arguments;
@@ -21,7 +21,6 @@ mod collect;
 mod effect;
 mod estimate;
 mod folder;
-mod forest;
 mod halving;
 mod jobs;
 mod journal;

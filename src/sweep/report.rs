@@ -3,6 +3,7 @@
 //! pages.
 
 mod charts;
+mod configuration;
 
 use std::{
     collections::BTreeMap,
@@ -15,12 +16,13 @@ use maud::{PreEscaped, html};
 use serde::Serialize;
 use toml::Value;
 
+use configuration::Configuration;
+
 use super::{
     Sweep,
     axis::{Axis, Values},
     collect::{self, Row, plain},
-    effect::{effects, is_map, relative},
-    forest,
+    effect::{effects, is_map},
     slurm::quoted,
     status::State,
 };
@@ -71,26 +73,6 @@ struct TrialData {
     error: String,
 }
 
-/// A configuration whose trials are all done.
-#[derive(Serialize)]
-struct Configuration {
-    name: String,
-    /// One per objective.
-    figures: Vec<f64>,
-    /// Seconds of work of all its trials.
-    seconds: f64,
-    /// Whether it is on the Pareto front: no other is at least as good in every objective and better in one.
-    front: bool,
-    trials: Vec<usize>,
-}
-
-/// Importance of settings.
-struct Importance {
-    explained: f64,
-    /// Fractions by the settings' keys, the largest first.
-    fractions: Vec<(String, f64)>,
-}
-
 /// Returns the whole page, which is to be written to `file`.
 ///
 /// # Errors
@@ -112,14 +94,12 @@ pub fn page(sweep: &Sweep, command: &str, file: &Path) -> Result<String> {
     let effects = settings.map(|axis| (axis.key.clone(), effects(sweep, &rows, axis, first)));
     let effects: Vec<_> = effects.filter(|(_, effects)| !effects.is_empty()).collect();
     let has_seeds = sweep.space.axes.iter().any(|axis| axis.key == "seed");
-    let importance = importance(sweep, &data.axes, &rows, first);
     // Within a script element, only `<` could end it.
     let json = serde_json::to_string(&data)?.replace('<', "\\u003c");
     let main = html! {
         (charts::to_be_had(&data.objectives, &data.configurations))
         (charts::interactive())
         (charts::effects(first, &effects, has_seeds))
-        @if let Some(importance) = &importance { (charts::importance(first, importance)) }
         (charts::learning(first, &curves(sweep, &data)))
         (charts::trials())
         script #data type="application/json" { (PreEscaped(json)) }
@@ -263,23 +243,6 @@ fn curves(sweep: &Sweep, data: &Data) -> Vec<Curve> {
         (points.len() > 1).then_some(Curve { name, points })
     };
     order.into_iter().take(CURVES).filter_map(read).collect()
-}
-
-/// Returns the importance of every setting that distinguishes comparable trials.
-fn importance(sweep: &Sweep, axes: &[AxisData], rows: &[Row<'_>], objective: &str) -> Option<Importance> {
-    let settings: Vec<(&Axis, &AxisData)> =
-        sweep.space.axes.iter().zip(axes).filter(|(axis, _)| !is_map(sweep, axis)).collect();
-    let place = |row: &Row<'_>, (axis, data): &(&Axis, &AxisData)| {
-        row.trial.assignment.get(&axis.key).and_then(|value| data.place(value)).unwrap_or(f64::NAN)
-    };
-    let known = relative(sweep, rows, objective);
-    let columns: Vec<Vec<f64>> =
-        known.iter().map(|(row, _)| settings.iter().map(|setting| place(row, setting)).collect()).collect();
-    let values: Vec<f64> = known.iter().map(|(_, log)| *log).collect();
-    let (fractions, explained) = forest::importance(&columns, &values, 0)?;
-    let mut fractions: Vec<(String, f64)> = settings.iter().map(|(axis, _)| axis.key.clone()).zip(fractions).collect();
-    fractions.sort_by(|a, b| b.1.total_cmp(&a.1));
-    Some(Importance { explained, fractions })
 }
 
 #[cfg(test)]

@@ -103,25 +103,6 @@ fn pages_work_in_a_browser() {
     for dark in [false, true] {
         assert_eq!(probe(&browser, &path.join("chart.html"), dark), "charts=3 images=true");
     }
-    succeed(path, "stability --quick --only constant --out suite");
-    for dark in [false, true] {
-        assert_eq!(probe(&browser, &path.join("suite/stability.html"), dark), "charts=1 images=true");
-    }
-    // The script that runs every check builds the whole page first and passes its path.
-    let page = std::env::var_os("HEADTAIL_PAPER").map(std::path::PathBuf::from);
-    let copy = path.join("paper.html");
-    match &page {
-        Some(page) => drop(fs::copy(page, &copy).unwrap()),
-        None => {
-            succeed(path, "paper --quick --only neural --out paper");
-            fs::copy(path.join("paper/paper.html"), &copy).unwrap();
-        }
-    }
-    for dark in [false, true] {
-        // Eight views with two charts each (one of two forms visible), and the mappings of tails.
-        let charts = if page.is_some() { 17 } else { 0 };
-        assert_eq!(probe(&browser, &copy, dark), format!("charts={charts} images=true"));
-    }
     succeed(path, "view --env window --width 60 --height 40 --out shot.exr");
     succeed(
         path,

@@ -1,4 +1,4 @@
-//! `view`, `composite` and `paper` as command lines.
+//! `view` and `composite` as command lines.
 
 use std::{collections::HashMap, fs, path::Path};
 
@@ -233,73 +233,4 @@ fn composite_prints_json() {
     assert_eq!((&facts["width"], &facts["height"], &facts["spp"]), (&60.into(), &40.into(), &4.into()));
     let mean = facts["mean_mask"].as_f64().unwrap();
     assert!((0.5..0.999).contains(&mean), "{said}");
-}
-
-#[test]
-fn paper_sections_are_made_separately() {
-    let here = folder();
-    let path = here.path();
-    let part = "out/sections/example--image-and-Gaussian.json";
-    let said = succeed(path, "paper --quick --only example --out out");
-    assert!(said.contains("1 of 8 sections"), "{said}");
-    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
-    assert!(page.contains("near-perfect fit") && page.contains("not made yet"), "{}", page.len());
-    assert!(!page.contains("http:") && !page.contains("https:"));
-    // Existing parts are kept and their figures printed; they are recomputed for another request.
-    let kept = fs::read_to_string(path.join(part)).unwrap();
-    fs::write(path.join(part), kept.replace("near-perfect", "Kept")).unwrap();
-    let said = succeed(path, "paper --quick --only example --json --out out");
-    let json: serde_json::Value = serde_json::from_str(&said).unwrap();
-    let rows = &json["sections"][0]["parts"][0]["tables"][0]["rows"];
-    let (naive, ours) = (rows[2]["naive fit"].as_f64().unwrap(), rows[2]["our fit"].as_f64().unwrap());
-    assert!(ours > 0.0 && ours < 0.5 * naive, "{rows}");
-    assert!(fs::read_to_string(path.join("out/paper.html")).unwrap().contains("Kept"));
-    // Outside a checkout there are no materials, and the section lists the missing files.
-    succeed(path, "paper --only neural --out out");
-    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
-    assert!(page.contains("3 of 3 materials are not here") && !page.contains("Kept"));
-    let message = fail(path, "paper --quick --only nothing --out out");
-    assert!(message.contains("--only"), "{message}");
-    let message = fail(path, "paper --quick --data missing --out out");
-    assert!(message.contains("missing"), "{message}");
-    fs::create_dir(path.join("empty")).unwrap();
-    assert!(fail(path, "paper --quick --data empty --out out").contains("no .hdr or .exr"));
-}
-
-/// A signal keeps finished parts; the same command computes only the missing ones.
-#[cfg(target_os = "linux")]
-#[test]
-fn interrupted_papers_resume() {
-    let here = folder();
-    let path = here.path();
-    let arguments = "paper --quick --only neural --only example --out out";
-    let part = |name: &str| path.join("out/sections").join(name).with_extension("json");
-    // Sections run in order; the second needs no work here and replaces a finished one.
-    succeed(path, "paper --quick --only neural --out out");
-    let (done, missing) = (part("neural--none"), part("example--image-and-Gaussian"));
-    let kept = fs::read_to_string(&done).unwrap().replace("materials are not here", "Kept");
-    fs::write(&done, &kept).unwrap();
-    let mut command = super::command(path, arguments);
-    let child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(600));
-    let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(status.success());
-    let output = child.wait_with_output().unwrap();
-    let message = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(130), "{message}");
-    assert!(message.contains("interrupted"), "{message}");
-    assert!(!missing.exists() && fs::read_to_string(&done).unwrap() == kept);
-    let said = succeed(path, arguments);
-    assert!(said.contains("2 of 8 sections"), "{said}");
-    assert!(missing.exists() && fs::read_to_string(&done).unwrap() == kept);
-    let page = fs::read_to_string(path.join("out/paper.html")).unwrap();
-    assert!(page.contains("near-perfect fit") && page.contains("Kept"));
-    let figure = |extension: &str| path.join("out/figures/example-1").with_extension(extension);
-    assert!(page.contains("href=\"figures/example-1.svg\""));
-    // Finished parts are not recomputed; a lost figure is rewritten.
-    let made = fs::metadata(&missing).unwrap().modified().unwrap();
-    fs::remove_file(figure("svg")).unwrap();
-    succeed(path, arguments);
-    assert!(fs::read_to_string(figure("svg")).unwrap().contains(">p2: Gaussian<"));
-    assert_eq!(fs::metadata(&missing).unwrap().modified().unwrap(), made);
 }

@@ -63,9 +63,8 @@ fn writing<'a>() -> Vec<Writing<'a>> {
         ("sweep report space.toml --file report.html".into(), ("space.", "./space."), &["report.html"]),
         ("view --env overcast --width 16 --height 16 --out view.exr".into(), ("overcast", "studio"), &["view.exr", "view.png", "view.fspy"]),
         ("scenes --out scenes --spp 1 --width 16".into(), ("spp 1", "spp 2"), &["scenes/temple.png", "scenes/droid.png"]),
-        ("stability --quick --only constant --out suite".into(), ("constant", "rough"), &["suite/stability.csv", "suite/stability.html"]),
+        ("stability --quick --only constant --out suite".into(), ("constant", "rough"), &["suite/stability.csv", "suite/regimes.svg"]),
         ("composite --photo view.exr --camera view.fspy --env overcast --scene sphere --spp 1 --out both".into(), seed, &["both/composite.exr", "both/composite.png", "both/composite.html"]),
-        ("paper --quick --only neural --out paper".into(), ("--quick ", ""), &["paper/paper.html"]),
     ]
 }
 
@@ -170,7 +169,6 @@ fn unwritable_outputs_are_reported_before_the_work() {
         "composite --photo view.exr --camera view.fspy --env overcast --scene temple --spp 100000 --out file",
         "view --env overcast --width 16384 --height 8192 --out file/a.exr",
         "live --scene temple --env overcast --samplers mis --out file/a.html",
-        "paper --out file",
         "scenes --spp 10000 --out file",
     ];
     for arguments in cases {
@@ -304,7 +302,6 @@ fn long_work_is_announced() {
         "backends --steps 100000 --backend ndarray".into(),
         "sweep run space.toml --threads 1".into(),
         "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
-        "paper --out paper".into(),
     ];
     // Commands that take seconds or a given time; the help of `demo` states its two minutes.
     let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "live", "material", "view"];

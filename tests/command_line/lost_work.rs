@@ -286,7 +286,7 @@ fn stability_resumes_with_missing_regimes() {
     // Times differ between measurements, so equal bytes were kept.
     let before = table();
     fs::remove_file(path.join("suite/stability.csv")).unwrap();
-    fs::remove_file(path.join("suite/stability.html")).unwrap();
+    fs::remove_file(path.join("suite/regimes.svg")).unwrap();
     assert!(command(path, suite).output().unwrap().status.success());
     assert_eq!(table(), before);
     // Damaged regimes are measured again.

@@ -154,7 +154,6 @@ fn the_help_of_every_command_ends_with_examples() {
         "composite",
         "view",
         "live",
-        "paper",
         "scenes",
     ] {
         let help = succeed(here.path(), &format!("{name} --help"));

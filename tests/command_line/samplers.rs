@@ -168,12 +168,12 @@ fn flow_tails_are_fitted_exported_and_shown() {
 }
 
 #[test]
-fn the_stability_suite_writes_a_table_and_a_page() {
+fn the_stability_suite_writes_a_table_and_a_chart() {
     let here = folder();
     let path = here.path();
     let said = succeed(path, "stability --quick --only constant --only noon --out suite");
     assert!(said.contains("noon_grass: not run; give --maps DIR"), "{said}");
-    let files = ["regimes", "regimes.svg", "stability.csv", "stability.html"];
+    let files = ["regimes", "regimes.svg", "stability.csv"];
     assert_eq!(names(&path.join("suite")), files);
     // The regimes are cached: the same rows are printed.
     let said = succeed(path, "stability --quick --only constant --only noon --json --out suite");
@@ -185,7 +185,7 @@ fn the_stability_suite_writes_a_table_and_a_page() {
     for method in ["mis", "head", "head and brdf by halves", "share", "default"] {
         assert!(table.contains(&format!("constant map,{method},finished")), "{method}: {table}");
     }
-    assert!(fs::read_to_string(path.join("suite/stability.html")).unwrap().contains("constant map"));
+    assert!(fs::read_to_string(path.join("suite/regimes.svg")).unwrap().contains("constant map"));
     assert!(fail(path, "stability --only nothing --out suite").contains("--only"));
     assert!(fail(path, "stability --maps nowhere --out suite").contains("nowhere"));
 }

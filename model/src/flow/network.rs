@@ -6,7 +6,7 @@ use burn::{
     prelude::{Device, Tensor},
 };
 
-use super::FlowConfig;
+use super::config::FlowConfig;
 use crate::linear::{self, Initializer};
 
 /// A residual network: `h = W x + b`, then blocks `h += W2 a(W1 a(h) + b1) + b2` with the leaky ReLU `a` (He

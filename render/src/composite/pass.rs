@@ -7,16 +7,14 @@ use std::{
     time::Instant,
 };
 
-use rayon::prelude::*;
-
 use super::{
     composition::{Composition, Settings},
     film::Film,
-    worker::{Pixels, Worker, Workspace},
+    worker::{Sums, Worker, Workspace},
 };
 use crate::{
     estimator::{Estimator, ViewGeometry, VisibilityTrainer},
-    integrator::{MAX_SIDE, TrainingPass},
+    integrator::{MAX_SIDE, Part, TrainingPass, tiles::Tiles},
     points::{PointSet, Points},
 };
 
@@ -42,7 +40,7 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     let points = Points::new(PointSet::Sobol, settings.seed);
     let total = settings.spp.max(1);
     let mut film = Film::new(settings.width, settings.height);
-    let mut tiles = Pixels::tiles(settings.width, settings.height, |_| true);
+    let mut tiles = settings.tiles(|_| true);
     while film.spp < total {
         let samples = film.spp..total.min(film.spp + PASS);
         run.add(&mut tiles, points, samples.clone());
@@ -52,14 +50,11 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
             break;
         }
     }
-    for tile in &tiles {
-        film.mask_rays += tile.mask_rays;
-        film.other_rays += tile.other_rays;
-        for (&(x, y), sums) in tile.places.iter().zip(&tile.sums) {
-            let index = usize::from(y) * settings.width + usize::from(x);
-            film.catcher[index] = sums.catcher;
-            film.object[index] = (sums.object_hits, sums.object);
-        }
+    for (index, sums) in tiles.row_major().into_iter().enumerate() {
+        film.mask_rays += sums.mask_rays;
+        film.other_rays += sums.other_rays;
+        film.catcher[index] = sums.catcher;
+        film.object[index] = (sums.object_hits, sums.object);
     }
     film.seconds = start.elapsed().as_secs_f64();
     film
@@ -77,7 +72,7 @@ fn learn<'a>(
     let view = ViewGeometry { eye: camera.look_from(), pixel: camera.pixel_spread(height), pixels: width * height };
     let mut trainer = composition.estimator.trainer(view)?;
     TrainingPass::before(spp, 0).in_parts(&mut *trainer, |pass, trainer| {
-        let mut tiles = Pixels::tiles(width, height, |key| pass.includes(key));
+        let mut tiles = settings.tiles(|key| pass.includes(key));
         pass.train(trainer, seed, stop, |trainer, points, sample| {
             let composition = Composition { estimator: trainer, ..composition };
             let run = Run { composition, settings: Settings { depth: 1, ..settings }, trainer: Some(trainer) };
@@ -86,6 +81,13 @@ fn learn<'a>(
     });
     trainer.finish();
     Some(trainer)
+}
+
+impl Settings {
+    /// Returns the pixels whose keys are chosen.
+    fn tiles(&self, is_chosen: impl Fn(u32) -> bool) -> Tiles<Sums> {
+        Tiles::new(Part { left: 0, top: 0, width: self.width, height: self.height }, is_chosen)
+    }
 }
 
 /// The parameters for sampling tiles.
@@ -98,16 +100,17 @@ struct Run<'a> {
 
 impl Run<'_> {
     /// Adds samples to all tiles.
-    fn add(self, tiles: &mut [Pixels], points: Points, samples: Range<u32>) {
+    fn add(self, tiles: &mut Tiles<Sums>, points: Points, samples: Range<u32>) {
         let Self { composition, settings, trainer } = self;
-        tiles.par_iter_mut().for_each(|pixels| {
-            thread_local! {
-                static WORKSPACE: RefCell<Workspace> = RefCell::default();
-            }
+        thread_local! {
+            static WORKSPACE: RefCell<Workspace> = RefCell::default();
+        }
+        tiles.par_for_each(|pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
+                let mut worker = Worker { composition, settings, trainer, points, workspace, pixels };
                 for sample in samples.clone() {
-                    let points = points.at_sample(sample);
-                    Worker { composition, settings, trainer, points, workspace, pixels }.sample();
+                    worker.points = points.at_sample(sample);
+                    worker.sample();
                 }
             });
         });

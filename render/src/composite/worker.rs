@@ -13,42 +13,23 @@ use crate::{
     color::luminance,
     columns::Arena,
     estimator::{Contributions, VisibilityTrainer},
-    integrator::path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
+    integrator::{
+        path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
+        tiles::TilePixels,
+    },
     points::Points,
     scene::{Ray, RayKind},
     tile::{ShadingPoint, Tile},
 };
 
-/// Edge of a tile in pixels.
-const TILE: usize = 16;
-
-/// The pixels of a tile with their sums.
-pub(super) struct Pixels {
-    pub places: Vec<(u16, u16)>,
-    pub sums: Vec<Sums>,
-    pub mask_rays: u64,
-    pub other_rays: u64,
-}
-
+/// Sums over the samples of one pixel.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Sums {
     pub catcher: CatcherSums,
     pub object_hits: u32,
     pub object: DVec3,
-}
-
-impl Pixels {
-    /// Divides a picture into tiles of the pixels whose keys are chosen.
-    pub fn tiles(width: usize, height: usize, is_chosen: impl Fn(u32) -> bool) -> Vec<Self> {
-        let corners = (0..height).step_by(TILE).flat_map(|top| (0..width).step_by(TILE).map(move |left| (left, top)));
-        let tile = |(left, top): (usize, usize)| {
-            let rows = top..(top + TILE).min(height);
-            let places = rows.flat_map(|y| (left..(left + TILE).min(width)).map(move |x| (x as u16, y as u16)));
-            let places: Vec<(u16, u16)> = places.filter(|&place| is_chosen(key_of(place))).collect();
-            Self { sums: vec![Sums::default(); places.len()], places, mask_rays: 0, other_rays: 0 }
-        };
-        corners.map(tile).collect()
-    }
+    pub mask_rays: u64,
+    pub other_rays: u64,
 }
 
 /// The sum to which the light of a path is added.
@@ -105,11 +86,11 @@ pub(super) struct Worker<'a> {
     pub trainer: Option<&'a dyn VisibilityTrainer>,
     pub points: Points,
     pub workspace: &'a mut Workspace,
-    pub pixels: &'a mut Pixels,
+    pub pixels: TilePixels<'a, Sums>,
 }
 
 impl Worker<'_> {
-    pub fn sample(mut self) {
+    pub fn sample(&mut self) {
         self.trace_camera();
         self.mask();
         if self.settings.mask_only {
@@ -132,7 +113,7 @@ impl Worker<'_> {
         let Self { composition, settings, points, workspace, pixels, .. } = self;
         let mut rays = Vec::new();
         let size = (settings.width, settings.height);
-        camera_rays(composition.camera, size, &pixels.places, points, &mut rays, &workspace.arena);
+        camera_rays(composition.camera, size, pixels.places, points, &mut rays, &workspace.arena);
         let keys: Vec<u32> = pixels.places.iter().map(|&place| key_of(place)).collect();
         let path = |pixel| Path { pixel, goal: Goal::Object, from_catcher: false, throughput: Vec3A::ONE };
         let paths: Vec<Path> = (0..rays.len()).map(path).collect();
@@ -179,12 +160,13 @@ impl Worker<'_> {
         self.test_shadow();
         self.tell(Which::Catcher);
         let Self { composition, workspace, pixels, .. } = self;
-        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
-        pixels.mask_rays += rays.len() as u64;
+        let Workspace { catcher, contributions, visible, open, .. } = &mut **workspace;
         let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
         for ((&place, &radiance), (&visible, &open)) in own {
             let n = catcher.tile.point(place as usize).ns;
-            let sums = &mut pixels.sums[catcher.paths[place as usize].pixel].catcher;
+            let sums = &mut pixels.sums[catcher.paths[place as usize].pixel];
+            sums.mask_rays += 1;
+            let sums = &mut sums.catcher;
             let weight = relative(radiance, composition.backdrop, n);
             sums.drawn += weight;
             if !open {
@@ -246,20 +228,23 @@ impl Worker<'_> {
     /// Adds the light of the map on the object.
     fn light_object(&mut self) {
         self.propose(Which::Object);
-        let Self { composition, workspace, pixels, .. } = self;
+        let Self { composition, workspace, .. } = self;
         let Workspace { object, contributions, visible, rays, .. } = &mut **workspace;
         let scene = &composition.stage.all;
         shadow_rays(scene, &object.tile, contributions, rays);
         visible.clear();
         visible.resize(rays.len(), true);
         scene.visible_batch(rays, visible);
-        pixels.other_rays += rays.len() as u64;
         self.tell(Which::Object);
         let Self { workspace, pixels, .. } = self;
         let Workspace { object, contributions, visible, .. } = &**workspace;
-        let own = contributions.places().iter().zip(contributions.radiance()).zip(visible);
-        for ((&place, &radiance), _) in own.filter(|(_, visible)| **visible) {
-            add(pixels, &object.paths[place as usize], radiance);
+        for ((&place, &radiance), &visible) in contributions.places().iter().zip(contributions.radiance()).zip(visible)
+        {
+            let path = &object.paths[place as usize];
+            pixels.sums[path.pixel].other_rays += 1;
+            if visible {
+                add(pixels, path, radiance);
+            }
         }
     }
 
@@ -268,17 +253,20 @@ impl Worker<'_> {
         self.propose(Which::Catcher);
         self.test_shadow();
         let Self { composition, workspace, pixels, .. } = self;
-        let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
-        pixels.other_rays += rays.len() as u64;
+        let Workspace { catcher, contributions, visible, open, .. } = &mut **workspace;
         let backdrop = composition.backdrop;
         for (place, path) in catcher.paths.iter().enumerate() {
             let (p, _) = catcher.tile.position_and_normal(place);
             add(pixels, path, backdrop.radiance(p));
         }
         let own = contributions.places().iter().zip(contributions.radiance()).zip(visible.iter().zip(&*open));
-        for ((&place, &radiance), _) in own.filter(|(_, (visible, open))| **open && !**visible) {
-            let point = catcher.tile.point(place as usize);
-            add(pixels, &catcher.paths[place as usize], -radiance * backdrop.albedo(point.p, point.ns));
+        for ((&place, &radiance), (&visible, &open)) in own {
+            let path = &catcher.paths[place as usize];
+            pixels.sums[path.pixel].other_rays += 1;
+            if open && !visible {
+                let point = catcher.tile.point(place as usize);
+                add(pixels, path, -radiance * backdrop.albedo(point.p, point.ns));
+            }
         }
     }
 
@@ -336,7 +324,7 @@ enum Which {
 }
 
 /// Adds light that arrives along a path.
-fn add(pixels: &mut Pixels, path: &Path, radiance: Vec3A) {
+fn add(pixels: &mut TilePixels<'_, Sums>, path: &Path, radiance: Vec3A) {
     let light = (path.throughput * radiance).as_dvec3();
     let sums = &mut pixels.sums[path.pixel];
     match path.goal {

@@ -5,7 +5,7 @@
 //! | `render.rs` | passes until a budget is spent |
 //! | `rendering.rs`, `view.rs` | budget and result; scene, camera and environment |
 //! | `learn.rs` | training visibility before a picture, or for a file |
-//! | `film.rs` | the sums of all pixels, tiles in parallel |
+//! | `film.rs`, `tiles.rs` | the sums of all pixels; tiles in parallel |
 //! | `wavefront.rs` | one sample of every pixel of a tile |
 //! | `path.rs` | camera rays, shadow rays and bounces |
 //! | `features.rs` | albedo, normals and depth |
@@ -16,6 +16,7 @@ mod learn;
 pub(crate) mod path;
 mod render;
 mod rendering;
+pub(crate) mod tiles;
 mod view;
 mod wavefront;
 

@@ -5,6 +5,7 @@ use glam::{DVec3, Vec3A};
 
 use super::{
     path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
+    tiles::TilePixels,
     view::View,
 };
 use crate::{
@@ -27,13 +28,6 @@ pub(super) struct Pixel {
     pub rays: u64,
     /// Largest luminance of a single contribution before the visibility test, an indicator of fireflies.
     pub max_weight: f32,
-}
-
-/// The pixels of one tile.
-pub(super) struct TilePixels<'a> {
-    /// Column and row of each.
-    pub places: &'a [(u16, u16)],
-    pub sums: &'a mut [Pixel],
 }
 
 /// The light estimator and its optional trainer.
@@ -71,7 +65,13 @@ struct Path {
 
 impl Workspace {
     /// Adds one sample to every pixel.
-    pub fn sample(&mut self, view: &View<'_>, estimate: Estimate<'_>, points: Points, pixels: &mut TilePixels<'_>) {
+    pub fn sample(
+        &mut self,
+        view: &View<'_>,
+        estimate: Estimate<'_>,
+        points: Points,
+        pixels: &mut TilePixels<'_, Pixel>,
+    ) {
         timed(Stage::CameraRays, || self.trace_camera(view, points, pixels));
         let depth = view.depth.max(1);
         for bounce in 0..depth {
@@ -88,7 +88,7 @@ impl Workspace {
 
     /// Traces one camera ray per pixel: adds a shading point where it hits a surface, the background
     /// elsewhere.
-    fn trace_camera(&mut self, view: &View<'_>, points: Points, pixels: &mut TilePixels<'_>) {
+    fn trace_camera(&mut self, view: &View<'_>, points: Points, pixels: &mut TilePixels<'_, Pixel>) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, hits, emission, .. } = self;
         camera_rays(view.camera, (view.width, view.height), pixels.places, &points, rays, arena);
         let key = |place: usize| key_of(pixels.places[place]);
@@ -121,7 +121,13 @@ impl Workspace {
     }
 
     /// Estimates light at the current shading points, with shadow rays.
-    fn estimate(&mut self, view: &View<'_>, estimate: Estimate<'_>, points: Points, pixels: &mut TilePixels<'_>) {
+    fn estimate(
+        &mut self,
+        view: &View<'_>,
+        estimate: Estimate<'_>,
+        points: Points,
+        pixels: &mut TilePixels<'_, Pixel>,
+    ) {
         let Self { arena, tiles: [tile, _], paths: [paths, _], rays, contributions, visible, .. } = self;
         contributions.clear();
         estimate.estimator.propose(&tile.rows(), &points, contributions, arena);
@@ -152,7 +158,7 @@ impl Workspace {
 
     /// Continues paths by BRDF sampling. A path that leaves the scene adds nothing: the estimator at its last
     /// surface covers all light from the environment.
-    fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32, pixels: &mut TilePixels<'_>) {
+    fn continue_paths(&mut self, view: &View<'_>, points: Points, bounces: u32, pixels: &mut TilePixels<'_, Pixel>) {
         let Self { arena, tiles: [tile, next_tile], paths: [paths, next_paths], rays, keys, hits, emission, .. } = self;
         rays.clear();
         next_paths.clear();
@@ -178,7 +184,7 @@ impl Workspace {
 }
 
 /// Adds the emission of the surfaces that paths hit.
-fn add_emission(paths: &[Path], emission: &[Vec3A], pixels: &mut TilePixels<'_>) {
+fn add_emission(paths: &[Path], emission: &[Vec3A], pixels: &mut TilePixels<'_, Pixel>) {
     for (path, &emission) in paths.iter().zip(emission) {
         pixels.sums[path.pixel].surfaces += (path.throughput * emission).as_dvec3();
     }

@@ -2,8 +2,9 @@
 
 use glam::{Vec2, Vec3A};
 
+use headtail_sampling::portals::Portal;
+
 use super::{
-    Portal,
     plane::{Plane, Rectangle},
     rays::RoomRays,
 };

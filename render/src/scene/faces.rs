@@ -3,10 +3,11 @@
 use glam::{Affine3A, Vec2, Vec3, Vec3A, Vec4};
 
 use super::{
-    Bounds, Bvh, Hit, Mesh, Ray, Scene, TangentSpace,
+    bvh::Bvh,
     copies::Copies,
-    mesh::{moved_tangent, normal_matrix},
-    ray::RayKind,
+    mesh::{Mesh, moved_tangent, normal_matrix},
+    normal_map::TangentSpace,
+    ray::{Bounds, Hit, Ray, RayKind},
 };
 
 /// Mesh and triangle of a triangle in the hierarchy.
@@ -72,7 +73,7 @@ impl Faces {
     }
 
     /// Returns a face by its number; `meshes` are those of the scene.
-    fn face<'a>(&'a self, meshes: &'a [Mesh], number: usize) -> Face<'a> {
+    pub(super) fn face<'a>(&'a self, meshes: &'a [Mesh], number: usize) -> Face<'a> {
         if let Some(&Placed { mesh, triangle, normal }) = self.placed.get(number) {
             let own = &meshes[mesh as usize];
             return Face {
@@ -156,15 +157,5 @@ impl Face<'_> {
             self.to_world.map_or(own, |to_world| moved_tangent(own, to_world))
         };
         (!space.tangents.is_empty()).then(|| self.vertices().map(tangent))
-    }
-}
-
-impl Scene {
-    /// Returns a face by its number; opaque faces come first.
-    pub(super) fn face(&self, number: usize) -> Face<'_> {
-        match number.checked_sub(self.opaque.count()) {
-            None => self.opaque.face(&self.meshes, number),
-            Some(number) => self.masked.face(&self.meshes, number),
-        }
     }
 }

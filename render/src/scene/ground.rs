@@ -16,12 +16,10 @@ const GROWTH: f32 = 2.0;
 const ALBEDO: f32 = 0.5;
 
 impl Scene {
-    /// Adds a grey diffuse ground (albedo 0.5) at the scene's lowest point, from horizon to horizon.
-    ///
-    /// A scene without a camera gets one that frames it without the ground, for a 4:3 image.
+    /// Adds a grey diffuse ground (albedo 0.5) at the scene's lowest point, from horizon to horizon. Cameras frame the
+    /// scene without it.
     pub fn add_ground(&mut self) {
         let bounds = self.bounds();
-        self.camera = Some(self.camera());
         let (center, y) = if bounds.is_empty() { (Vec3A::ZERO, 0.0) } else { (bounds.center(), bounds.min.y) };
         let width = bounds.extent().max_element();
         let width = if width > 0.0 { width } else { 1.0 };
@@ -43,7 +41,8 @@ impl Scene {
                 triangles.extend([[a + 4, b + 4, b], [a + 4, b, a]]);
             }
         }
-        self.meshes.push(Mesh { positions, triangles, material: self.materials.len(), ..Mesh::default() });
+        let material = self.materials.len();
+        self.meshes.push(Mesh { positions, triangles, material, is_ground: true, ..Mesh::default() });
         self.materials.push(Material::diffuse(Vec3A::splat(ALBEDO)));
         self.rebuild();
     }

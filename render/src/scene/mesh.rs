@@ -29,6 +29,8 @@ pub struct Mesh {
     pub(super) mask: Option<Mask>,
     /// Whether cameras do not see its back faces, from which the corners of triangles are clockwise.
     pub(super) is_single_sided: bool,
+    /// Whether it is the plane of [`Scene::add_ground`](super::Scene::add_ground), which cameras do not frame.
+    pub(super) is_ground: bool,
     /// Coordinates and tangents for the material's normal map, if it has one.
     pub(super) tangent_space: Option<TangentSpace>,
     /// `[triangles]` vertex indices, counter-clockwise as seen from outside.

@@ -3,6 +3,7 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `mod.rs` | scenes, hits and shadow rays |
+//! | `open.rs` | opening scenes by name or file |
 //! | `built_in/`, `gltf/`, `fspy.rs` | built-in scenes; glTF 2.0; cameras of fSpy projects |
 //! | `mesh.rs`, `ground.rs` | triangles; the ground plane |
 //! | `parts.rs` | moving scenes, dividing them by mesh names and joining them |
@@ -36,6 +37,7 @@ mod measured;
 mod mesh;
 mod neural;
 mod normal_map;
+mod open;
 mod parts;
 mod ray;
 mod texture;
@@ -59,11 +61,10 @@ pub use texture::{Filter, Texture, Wrap};
 
 use glam::{Vec2, Vec3, Vec3A};
 
-use self::faces::Faces;
+use self::faces::{Face, Faces};
 use crate::{
     brdf::{BrdfTable, tabulate_lobe_albedo},
     error::{Error, Result},
-    path_text::path_of,
     remark::Remark,
     tile::{ShadingPoint, Tile},
 };
@@ -137,41 +138,12 @@ impl Scene {
         Ok(scene)
     }
 
-    /// Returns the built-in scene called `name`; see [`built_in_names`].
-    pub fn built_in(name: &str) -> Option<Self> {
-        built_in::build(name)
-    }
-
-    /// Opens a built-in scene by name, or else a glTF 2.0 file; `FILE#SCENE` selects a scene of the file by
-    /// name or number.
-    ///
-    /// # Errors
-    /// As [`Self::load`]; if there is neither such a file nor such a scene, the error lists the built-in
-    /// names.
-    pub fn open(name_or_path: &str) -> Result<Self> {
-        Self::open_dressed(name_or_path, true)
-    }
-
-    /// Opens a scene as [`Self::open`] does; without `materials`, the file's materials are not read, because
-    /// others will replace them. Alpha masks are read in any case; see [`LoadOptions::materials`].
-    ///
-    /// # Errors
-    /// As [`Self::open`].
-    pub fn open_dressed(name_or_path: &str, materials: bool) -> Result<Self> {
-        if let Some(scene) = Self::built_in(name_or_path) {
-            return Ok(scene);
+    /// Returns a face by its number; opaque faces come first.
+    fn face(&self, number: usize) -> Face<'_> {
+        match number.checked_sub(self.opaque.count()) {
+            None => self.opaque.face(&self.meshes, number),
+            Some(number) => self.masked.face(&self.meshes, number),
         }
-        let whole = path_of(name_or_path);
-        let (path, scene) = match name_or_path.rsplit_once('#') {
-            Some((file, scene)) if !whole.exists() => (&path_of(file), Some(scene)),
-            _ => (&whole, None),
-        };
-        if !path.exists() {
-            let names = built_in_names().collect::<Vec<_>>().join(", ");
-            let reason = format!("'{name_or_path}' is neither a file nor a built-in scene ({names})");
-            return Err(Error::argument("scene", reason));
-        }
-        Self::load_with(path, &LoadOptions { scene, materials })
     }
 
     /// Rebuilds the hierarchies and the bounds from the meshes.
@@ -259,7 +231,9 @@ impl Scene {
 
     /// Returns the scene's camera, or one that frames it for an image of aspect ratio `aspect`.
     pub fn camera_for(&self, aspect: f32) -> Camera {
-        self.camera.unwrap_or_else(|| Camera::framing(|| self.triangles().flatten().map(Vec3A::from), aspect))
+        let faces = || (0..self.triangle_count()).map(|number| self.face(number));
+        let framed = || faces().filter(|face| !face.mesh.is_ground).flat_map(|face| face.corners()).map(Vec3A::from);
+        self.camera.unwrap_or_else(|| Camera::framing(framed, aspect))
     }
 
     /// Returns the nearest surface along a ray of a camera, as seen from the ray's origin: both normals are on

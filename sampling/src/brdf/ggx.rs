@@ -17,7 +17,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernel, Lobes, MAX_PARAMETERS, luminance};
+use super::{Kernel, Lobes, luminance, parameters::MAX_PARAMETERS};
 use crate::{frame::Frame, simd};
 
 /// The isotropic Trowbridge-Reitz BRDF. It has no multiple scattering, so even with `f0 = 1` rough

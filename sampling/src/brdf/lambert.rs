@@ -4,7 +4,7 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
-use super::{Kernel, Lobes, MAX_PARAMETERS};
+use super::{Kernel, Lobes, parameters::MAX_PARAMETERS};
 use crate::{frame::Frame, simd};
 
 /// Lambert's BRDF, `f_r = albedo / pi`. Parameters: the albedo.

@@ -10,7 +10,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::{Ggx, Kernel, Lambert, Lobes, MAX_PARAMETERS, lobe_albedo::LobeAlbedo, luminance};
+use super::{Ggx, Kernel, Lambert, Lobes, lobe_albedo::LobeAlbedo, luminance, parameters::MAX_PARAMETERS};
 use crate::discrete::BELOW_ONE;
 
 /// Reflectance of dielectrics at normal incidence: an index of refraction of 1.5.

@@ -2,7 +2,8 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the traits `Kernel` (one sample) and `Brdf` (columns), the table of BRDFs |
+//! | `mod.rs` | the traits `Kernel` (one sample) and `Brdf` (columns) |
+//! | `table.rs`, `parameters.rs` | the table of BRDFs, and their parameters |
 //! | `lambert.rs`, `ggx.rs`, `metallic_roughness.rs` | analytic BRDFs |
 //! | `lobe_albedo.rs` | the tabulated albedo of the specular lobe |
 //! | `lobe_mixture/` | fitted BRDF sampling, for BRDFs without their own |
@@ -16,6 +17,8 @@ mod lobe_mixture;
 mod metallic_roughness;
 pub mod neural;
 pub mod neural_texture;
+mod parameters;
+mod table;
 
 pub use ggx::Ggx;
 pub use lambert::Lambert;
@@ -23,8 +26,10 @@ pub use lobe_albedo::{flat_lobe_albedo, tabulate as tabulate_lobe_albedo};
 pub use lobe_mixture::LobeMixture;
 pub use metallic_roughness::MetallicRoughness;
 pub use neural_texture::NeuralTexture;
+pub use parameters::{LATENTS, MAX_PARAMETERS};
+pub use table::{BrdfTable, Surface};
 
-use std::{fmt, marker::PhantomData, sync::Arc};
+use std::{fmt, marker::PhantomData};
 
 use glam::{Vec2, Vec3};
 
@@ -34,14 +39,8 @@ use crate::{
     simd::{LANES, Lanes},
 };
 
-/// Numbers that describe a measured BRDF.
-pub const LATENTS: usize = 6;
-
 /// Numbers of a textured material that a head reads: features, a tangent, and the handedness.
 pub const OF_MATERIAL: usize = neural_texture::FEATURES + 4;
-
-/// Maximum number of parameters of a BRDF.
-pub const MAX_PARAMETERS: usize = 11;
 
 /// A BRDF at one point with its parameters. Functions are `#[inline(always)]` and free of branches and
 /// calls, so that loops over them are vectorized.
@@ -333,89 +332,5 @@ vectorized! {
             (s[0][strip], s[1][strip], s[2][strip]) = (first[0], first[1], first[2]);
             (t[0][strip], t[1][strip], t[2][strip]) = (second[0], second[1], second[2]);
         }
-    }
-}
-
-/// Number of analytic BRDFs.
-const ANALYTIC: usize = 3;
-
-/// The BRDFs that points of a tile refer to by index.
-#[derive(Clone, Debug)]
-pub struct BrdfTable(Arc<[Arc<dyn Brdf>]>);
-
-impl BrdfTable {
-    /// Index of [`Lambert`].
-    pub const LAMBERT: u32 = 0;
-    /// Index of [`Ggx`].
-    pub const GGX: u32 = 1;
-    /// Index of [`MetallicRoughness`].
-    pub const METALLIC_ROUGHNESS: u32 = 2;
-
-    /// The BRDF of an index.
-    ///
-    /// # Panics
-    /// If the index is out of range.
-    pub fn get(&self, index: u32) -> &dyn Brdf {
-        &*self.0[index as usize]
-    }
-
-    /// Number of BRDFs.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Whether the table is empty.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// All but the analytic BRDFs, in order.
-    pub fn added(&self) -> impl Iterator<Item = &Arc<dyn Brdf>> {
-        self.0.iter().skip(ANALYTIC)
-    }
-
-    /// Returns the table with one more BRDF, and its index.
-    pub fn with(&self, brdf: Arc<dyn Brdf>) -> (Self, u32) {
-        let all = self.0.iter().cloned().chain([brdf]).collect();
-        (Self(all), self.0.len() as u32)
-    }
-}
-
-impl Default for BrdfTable {
-    /// The analytic BRDFs, in the order of the constants.
-    fn default() -> Self {
-        let all: [Arc<dyn Brdf>; ANALYTIC] = [
-            Arc::new(OfKernel::<Lambert>::NEW),
-            Arc::new(OfKernel::<Ggx>::NEW),
-            Arc::new(OfKernel::<MetallicRoughness>::NEW),
-        ];
-        Self(Arc::new(all))
-    }
-}
-
-/// The BRDF of one point: an index into a [`BrdfTable`] and parameters, with textures looked up.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surface {
-    /// Index of the BRDF.
-    pub brdf: u32,
-    /// Parameters, followed by zeros.
-    pub parameters: [f32; MAX_PARAMETERS],
-}
-
-impl From<Lambert> for Surface {
-    fn from(lambert: Lambert) -> Self {
-        Self { brdf: BrdfTable::LAMBERT, parameters: lambert.parameters() }
-    }
-}
-
-impl From<Ggx> for Surface {
-    fn from(ggx: Ggx) -> Self {
-        Self { brdf: BrdfTable::GGX, parameters: ggx.parameters() }
-    }
-}
-
-impl From<MetallicRoughness> for Surface {
-    fn from(mixture: MetallicRoughness) -> Self {
-        Self { brdf: BrdfTable::METALLIC_ROUGHNESS, parameters: mixture.parameters() }
     }
 }

@@ -18,6 +18,7 @@ pub use crate::linear::Linear;
 pub use condition::{Condition, MAX_CONDITION};
 pub use inference::HeadAt;
 use network::SplineNetwork;
+pub use network::{MAX_BINS, MAX_HIDDEN};
 pub use without_tail::WithoutTail;
 
 use serde::{Deserialize, Serialize};
@@ -27,11 +28,6 @@ use crate::{
     linear::Packed,
     spline::Topology,
 };
-
-/// Maximum width of hidden layers.
-pub const MAX_HIDDEN: usize = 256;
-/// Maximum number of bins of a spline.
-pub const MAX_BINS: usize = 64;
 
 /// The dependence of the two coupling layers on each other's coordinate; layer 0 transforms elevation,
 /// layer 1 azimuth.

@@ -1,12 +1,17 @@
 //! The network of a spline's logits.
 
-use super::{MAX_BINS, MAX_HIDDEN};
 use crate::{
     error::{Error, Result},
     linear::{Linear, Packed, Start},
     simd::{Lanes, Simd},
     spline::Topology,
 };
+
+/// Maximum width of hidden layers.
+pub const MAX_HIDDEN: usize = 256;
+
+/// Maximum number of bins of a spline.
+pub const MAX_BINS: usize = 64;
 
 /// Maximum number of logits of a spline.
 const MAX_LOGITS: usize = 3 * MAX_BINS + 1;

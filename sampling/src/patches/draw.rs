@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::{
-    CLUSTERS, Level, PARTS, Patches,
+    hierarchy::{Level, PARTS, Patches},
     mass::{Block, LEAST_COS_O, Patch, Reflection, highest, masses},
     small_lights,
     tree::{Aim, Cuts, Places, Points},
@@ -13,7 +13,7 @@ use crate::{
     environment::BilinearDensity,
     simd::{self, LANES, Lanes, Simd},
     tile::Rows,
-    visibility::Weighting,
+    visibility::{CLUSTERS, Weighting},
 };
 
 /// Largest and smallest mixture weight of BRDF sampling for a lobe, by its width alone.

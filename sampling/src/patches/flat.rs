@@ -1,6 +1,9 @@
 //! Patches as flat lists, for implementations on other devices.
 
-use super::{PARTS, Patches, mass::Block};
+use super::{
+    hierarchy::{PARTS, Patches},
+    mass::Block,
+};
 use crate::{flat::FlatArray, simd::LANES};
 
 /// Numbers per patch in a list: the 14 that its mass is computed from, in the order of [`Block`], one extra
@@ -42,13 +45,20 @@ impl Patches {
         let list = |name, numbers: Vec<f32>, width: usize| {
             FlatArray::floats(name, vec![numbers.len() / width, width], numbers)
         };
-        let rectangles =
-            |level: &super::Level| level.rectangles.iter().flat_map(|numbers| numbers[..4].to_vec()).collect();
+        let rectangles = |level: &super::hierarchy::Level| {
+            level.rectangles.iter().flat_map(|numbers| numbers[..4].to_vec()).collect()
+        };
         let leaves = records(&self.leaves.blocks, |leaf| self.leaves.rectangles[leaf][4]);
         let twigs = records(&self.twigs.blocks, |twig| self.twigs.rectangles[twig][4]);
         let mut roots = vec![self.root];
-        roots.extend((0..super::CLUSTERS).map(|cluster| self.leaves.roots.get(cluster).copied().unwrap_or(self.rest)));
-        roots.extend((0..super::CLUSTERS * PARTS).map(|leaf| self.twigs.roots.get(leaf).copied().unwrap_or(self.rest)));
+        roots.extend(
+            (0..crate::visibility::CLUSTERS)
+                .map(|cluster| self.leaves.roots.get(cluster).copied().unwrap_or(self.rest)),
+        );
+        roots.extend(
+            (0..crate::visibility::CLUSTERS * PARTS)
+                .map(|leaf| self.twigs.roots.get(leaf).copied().unwrap_or(self.rest)),
+        );
         let cells =
             (0..(rows * columns) as u32).map(|k| self.lookup.patch(k % columns as u32, k / columns as u32)).collect();
         let forest = self.forest.splits();

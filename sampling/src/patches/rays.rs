@@ -8,14 +8,16 @@ use crate::parallel::*;
 use glam::{Vec2, Vec3A};
 
 use super::{
-    CLUSTERS, PARTS, PatchSampler, Patches,
     draw::{COLUMNS, Reflections, SUMS, part_sums, within},
+    hierarchy::{PARTS, Patches},
+    sampler::PatchSampler,
 };
 use crate::{
     columns::{Arena, vectorized},
     sampler::{EnvironmentLight, prepared},
     simd::{LANES, Lanes},
     tile::Rows,
+    visibility::CLUSTERS,
 };
 
 /// Directions along a side of a patch's rectangle of Y.

@@ -3,8 +3,8 @@
 use glam::{Vec2, Vec3A, Vec4};
 
 use super::{
-    Patches,
     draw::{self, COLUMNS, LOBES},
+    hierarchy::Patches,
 };
 use crate::{
     head::logit_of_mixture_weight,
@@ -86,7 +86,7 @@ mod tests {
     use crate::{
         brdf::{Ggx, Lambert, MetallicRoughness, Surface},
         environment::built_in,
-        patches::{Detail, PARTS, PatchSampler},
+        patches::{Detail, PatchSampler, hierarchy::PARTS},
         random::{Purpose, Stream},
         sampler::EnvironmentLight,
         tail::TailKind,

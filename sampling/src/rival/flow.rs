@@ -8,9 +8,9 @@ use std::f32::consts::TAU;
 
 use super::{
     COORDINATE, VIEW_CONDITION,
+    columns::{Local, normal_pair},
     encoding::{Seen, encode},
     lobes::LEAKY_SLOPE,
-    sampler::{Local, normal_pair},
 };
 use crate::{
     brdf::neural_texture::network::Network,

@@ -4,8 +4,8 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 
 use super::{
     VIEW_CONDITION,
+    columns::{Local, normal_pair},
     encoding::Seen,
-    sampler::{Local, normal_pair},
 };
 use crate::{
     brdf::neural_texture::network::Network,

@@ -12,10 +12,11 @@
 //! | --- | --- |
 //! | `lobes.rs`, `flow.rs`, `reparam.rs` | the three samplers |
 //! | `encoding.rs` | the inputs of their networks |
-//! | `sampler.rs` | rivals over columns and in scenes |
+//! | `columns.rs`, `sampler.rs` | rivals over columns; in scenes |
 //! | `file.rs` | the file format |
 //! | `trace.rs` | derivatives for training the reparameterised sampler |
 
+mod columns;
 mod encoding;
 mod file;
 mod flow;
@@ -41,7 +42,7 @@ use crate::{
     head::Linear,
     simd::Lanes,
 };
-use sampler::{density_columns, sample_columns};
+use columns::{density_columns, sample_columns};
 
 /// The kinds of these samplers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

@@ -20,8 +20,8 @@ use std::f32::consts::FRAC_1_PI;
 
 use super::{
     COORDINATE, DISK_CONDITION,
+    columns::Local,
     encoding::{Seen, encode, encoding_slopes},
-    sampler::Local,
 };
 use crate::{
     brdf::neural_texture::FEATURES,

@@ -10,9 +10,10 @@
 //! | `parse.rs`, `print.rs` | parsing and printing |
 //! | `forms.rs` | all forms, for help |
 //! | `source.rs` | sources of directions: names and samplers |
-//! | `build.rs` | building estimators |
+//! | `context.rs`, `build.rs` | the scene that samplers are built for; building estimators |
 
 mod build;
+mod context;
 pub mod forms;
 mod parse;
 mod print;
@@ -20,7 +21,7 @@ mod source;
 #[cfg(test)]
 mod tests;
 
-pub use build::{BuildContext, SceneContext};
+pub use context::{BuildContext, SceneContext};
 pub use source::{Companion, FileKind, RivalFamily, Source};
 
 use std::path::{Path, PathBuf};

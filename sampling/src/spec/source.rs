@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use super::BuildContext;
+use super::context::BuildContext;
 use crate::{
     environment::Environment,
     error::{Error, Result},

@@ -127,7 +127,9 @@ pub(super) fn whisker(drawing: &mut Drawing, [low, high]: [f64; 2], y: f64) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{Measurement, synthetic};
+    use headtail_eval::Measurement;
+
+    use super::super::super::synthetic;
     use super::*;
 
     #[test]

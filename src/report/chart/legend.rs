@@ -1,6 +1,6 @@
 //! The legend below a chart: markers with full names, in columns if names are short.
 
-use super::{Drawing, Look};
+use super::super::{kind::Look, vector::Drawing};
 
 /// A sampler of a legend.
 pub struct Entry<'a> {

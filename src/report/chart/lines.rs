@@ -98,7 +98,9 @@ fn guides(drawing: &mut Drawing, x: &Axis, y: &Axis, lines: &[Line]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::super::{Measurement, synthetic};
+    use headtail_eval::Measurement;
+
+    use super::super::super::synthetic;
     use super::*;
 
     #[test]

@@ -24,10 +24,9 @@ mod spots;
 pub use bars::{comparisons, ratio_bars};
 pub use curves::{Curve, curves};
 pub use densities::{Panel, Scale, Sides, densities};
-pub use legend::wrap;
 pub use lines::error_over_time;
 pub use matrix::{Cell, Matrix, matrix};
-pub use settings::{Bar, effects, fractions};
+pub use settings::{Bar, effects};
 pub use spots::{Spot, spots};
 
 use headtail_render::statistics::{MeanInterval, RatioInterval};

@@ -1,4 +1,4 @@
-//! Bars for the values of settings: their effects, and the importance of settings.
+//! Bars for the effects of the values of settings.
 
 use super::{
     Axis, Chart, Drawing, Extent, Layout,
@@ -71,31 +71,6 @@ fn draw_effects(layout: &Layout, groups: &[(String, Vec<Bar>)], label: &str) -> 
     drawing
 }
 
-/// Draws bars of fractions from 0. Empty without bars.
-pub fn fractions(name: &str, bars: &[Bar], label: &str) -> Chart {
-    let layouts = Layout::BOTH.iter().filter(|_| !bars.is_empty());
-    Chart { name: name.into(), drawings: layouts.map(|layout| draw_fractions(layout, bars, label)).collect() }
-}
-
-fn draw_fractions(layout: &Layout, bars: &[Bar], label: &str) -> Drawing {
-    let most = bars.iter().map(|bar| bar.extent.value).fold(1e-9, f64::max);
-    let names = Names::new(layout, bars.iter());
-    let length = layout.width - NUMBER - names.width;
-    let height = bars.iter().map(|bar| names.height(bar)).sum::<f64>() + 8.0;
-    let mut drawing = Drawing::new(layout.class, (layout.width, height), label);
-    let mut y = 0.0;
-    for own in bars {
-        let height = names.height(own);
-        drawing.path("one", format_args!("M{:.1} {y:.1}v{height:.1}", names.width));
-        names.draw(&mut drawing, own, y);
-        let end = names.width + length * own.extent.value.max(0.0) / most;
-        drawing.group("series s2 v0", |drawing| bar(drawing, [names.width, end], y + 0.5 * (height - 18.0)));
-        drawing.text("label", "end", (layout.width - 4.0, y + 0.5 * height + 4.5), &text(own.extent.value));
-        y += height;
-    }
-    drawing
-}
-
 /// Names to the left of bars, wrapped.
 struct Names {
     width: f64,
@@ -146,16 +121,5 @@ mod tests {
             svg.split("text-anchor=\"end\">").skip(1).filter_map(|part| part.split('<').next()).collect();
         assert!(shown.contains(long), "{shown}");
         assert!(effects("effects", &[("bins".into(), Vec::new())], "").drawings.is_empty());
-    }
-
-    #[test]
-    fn the_largest_fraction_is_the_longest_bar() {
-        let svg = fractions("importance", &[bar_of("a", 0.5, None), bar_of("b", -0.01, None)], "").drawings[1].svg();
-        let widths: Vec<f64> = svg
-            .split("class=\"bar\"")
-            .skip(1)
-            .filter_map(|part| part.split("width=\"").nth(1)?.split('"').next()?.parse().ok())
-            .collect();
-        assert!(widths.len() == 2 && widths[0] > 300.0 && widths[1] == 0.0, "{widths:?}");
     }
 }

@@ -3,11 +3,11 @@
 use headtail_render::statistics::{PIXELS_PER_DEGREE, RELATIVE_EPSILON, TRIMMED_FRACTION};
 use maud::{Markup, html};
 
+use super::super::comparison::Comparison;
 use super::super::gallery::Gallery;
 use super::super::number::times;
 use super::super::picture;
 use super::super::summary::in_order;
-use super::Comparison;
 
 /// Describes the sampler `oracle`. With shadows, another density has the least variance.
 const ORACLE: &str = "The exact product of light, BRDF and cosine, without visibility, tabulated at every shading point. Where \

@@ -10,19 +10,17 @@ mod numbers;
 mod pictures;
 
 use anyhow::Result;
-use headtail_render::statistics::RatioInterval;
 use maud::{Markup, PreEscaped, html};
 
 use super::chart::pareto::{self, FRONT, MeasuredSampler};
 use super::chart::{self};
+use super::comparison::{Comparison, State};
 use super::gallery::Gallery;
-use super::number::{ends, times};
 use super::reading;
 use super::shell::{Page, count};
-use super::summary::{Group, Measure, Summary};
+use super::summary::Summary;
 use super::table::Table;
 use super::vector::Chart;
-use super::{Comparison, State};
 
 /// Returns the page and updates the gallery.
 ///
@@ -104,23 +102,6 @@ fn reading(comparison: &Comparison, summary: &Summary) -> Markup {
                 }
             }
         }
-    }
-}
-
-/// Returns "4.7x lower MSE than mis" in plain text; `None` for the baseline and without a ratio.
-fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
-    let ratio = summary.ratio(group, Measure::Mse)?;
-    if group.sampler == summary.baseline {
-        return None;
-    }
-    let (ratio, word) = if ratio.ratio >= 1.0 { (ratio, "lower") } else { (ratio.inverse(), "higher") };
-    Some(format!("MSE {}\u{d7}{} {word} than {}", times(ratio.ratio), in_brackets(&ratio), summary.baseline))
-}
-
-fn in_brackets(ratio: &RatioInterval) -> String {
-    match ends(ratio) {
-        ends if ends.is_empty() => ends,
-        ends => format!(" ({ends})"),
     }
 }
 

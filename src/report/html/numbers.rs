@@ -3,11 +3,11 @@
 use headtail_render::statistics::{MeanInterval, TRIMMED_FRACTION};
 use maud::{Markup, html};
 
+use super::super::comparison::Comparison;
 use super::super::gallery::Gallery;
 use super::super::number::{ends, html_digits, percent};
 use super::super::summary::{Group, Measure, Summary};
 use super::super::table::{Cell, Column, Table, Value};
-use super::Comparison;
 use maud::PreEscaped;
 
 /// A column of the table.
@@ -101,7 +101,7 @@ fn row(summary: &Summary, gallery: &Gallery, group: &Group, rivals: &[&Group], o
 
 /// Work that samplers need once before rendering.
 pub fn preparation(comparison: &Comparison, summary: &Summary) -> Table {
-    let row = |preparation: &super::super::Preparation| {
+    let row = |preparation: &super::super::comparison::Preparation| {
         let known = summary.samplers.contains(&preparation.sampler);
         let swatch = if known { summary.look(&preparation.sampler).swatch() } else { String::new() };
         let name = Cell { swatch, ..Cell::text(&preparation.sampler) };

@@ -1,13 +1,14 @@
 //! The pictures of the page: two with a divider, and all of them with insets and error maps.
 
+use headtail_render::statistics::RatioInterval;
 use maud::{Markup, PreEscaped, html};
 
 use super::super::colours::ERROR;
+use super::super::comparison::Comparison;
 use super::super::gallery::{Gallery, Panel, Picture};
-use super::super::number::{self, html_uncertainty};
+use super::super::number::{self, ends, html_uncertainty, times};
 use super::super::stage::{self, Choice};
 use super::super::summary::{Group, Measure, Summary};
-use super::{Comparison, ratio_words};
 
 const REFERENCE: &str = "image-reference";
 
@@ -157,5 +158,22 @@ fn power(power: f64) -> String {
         0 => "1".to_owned(),
         1 => "10".to_owned(),
         power => format!("10<sup>{}</sup>", power.to_string().replace('-', "\u{2212}")),
+    }
+}
+
+/// Returns "4.7x lower MSE than mis" in plain text; `None` for the baseline and without a ratio.
+fn ratio_words(summary: &Summary, group: &Group) -> Option<String> {
+    let ratio = summary.ratio(group, Measure::Mse)?;
+    if group.sampler == summary.baseline {
+        return None;
+    }
+    let (ratio, word) = if ratio.ratio >= 1.0 { (ratio, "lower") } else { (ratio.inverse(), "higher") };
+    Some(format!("MSE {}\u{d7}{} {word} than {}", times(ratio.ratio), in_brackets(&ratio), summary.baseline))
+}
+
+fn in_brackets(ratio: &RatioInterval) -> String {
+    match ends(ratio) {
+        ends if ends.is_empty() => ends,
+        ends => format!(" ({ends})"),
     }
 }

@@ -1,5 +1,7 @@
 use super::super::synthetic;
-use super::super::{Comparison, Measurement};
+use headtail_eval::Measurement;
+
+use super::super::{comparison::Comparison, number::times, summary::Measure};
 use super::*;
 
 fn page_of(comparison: &Comparison) -> String {

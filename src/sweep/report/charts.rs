@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::{Configuration, Importance};
+use super::configuration::Configuration;
 use crate::{
     report::{
         chart::{self, Bar, Curve, Extent, Spot},
@@ -10,7 +10,7 @@ use crate::{
         shell::count,
         table::{Cell, Column, Table, Value},
     },
-    sweep::{effect::Effect, forest},
+    sweep::effect::Effect,
 };
 
 /// Number of configurations in the table besides those of the front: the best ones.
@@ -129,29 +129,6 @@ pub fn effects(objective: &str, effects: &[(String, Vec<Effect>)], has_seeds: bo
                 }
                 (table.html(true))
             }
-        }
-    }
-}
-
-/// Charts the importance of settings.
-pub fn importance(objective: &str, importance: &Importance) -> Markup {
-    let bar = |(key, fraction): &(String, f64)| Bar { name: key.clone(), extent: Extent::exact(*fraction) };
-    let bars: Vec<Bar> = importance.fractions.iter().map(bar).collect();
-    let rows =
-        importance.fractions.iter().map(|(key, fraction)| vec![Cell::text(key), Cell::number(*fraction)]).collect();
-    let columns = vec![Column::text("setting"), Column::number("importance", "")];
-    html! {
-        section {
-            h2 { "Which settings matter" }
-            figure {
-                (chart::fractions("importance", &bars, "Importance of settings").html())
-                figcaption.note {
-                    "Permutation importance over a random forest of " (forest::TREES) " trees: the fraction of the variance of ln " (objective)
-                    " that the forest no longer explains, out of bag, once the setting is shuffled among trials. Trials are compared with those of the same \
-                     map. The forest explains " (format!("{:.0}", 100.0 * importance.explained)) " %."
-                }
-            }
-            (Table::new("importance", columns, rows).html(false))
         }
     }
 }

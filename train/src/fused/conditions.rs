@@ -6,7 +6,7 @@ use std::ops::Range;
 use headtail_model::Mode;
 
 use super::{
-    Layout,
+    layout::Layout,
     matrix::{Form, Matrix, multiply},
     perceptron::{BackwardScratch, Hidden, Layer, leaky_relu, leaky_relu_backward},
 };

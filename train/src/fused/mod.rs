@@ -8,6 +8,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
+//! | `layout.rs` | where a head's layers are in its list of weights |
 //! | `conditions.rs` | computations per condition |
 //! | `samples.rs`, `splines.rs` | computations per sample |
 //! | `perceptron.rs`, `matrix.rs` | layers and matrix products, forward and backward |
@@ -15,12 +16,13 @@
 
 mod conditions;
 mod flow;
+mod layout;
 mod matrix;
 mod perceptron;
 mod samples;
 mod splines;
 
-use headtail_model::{EncoderConfig, Head, HeadConfig, Mode, head::MIXTURE_WEIGHT_HIDDEN};
+use headtail_model::Head;
 use headtail_render::simd::{self, Simd, Vectorized};
 use rayon::prelude::*;
 
@@ -28,6 +30,7 @@ use crate::{GradientSource, Objective, Result, StepGradient, integrand::Batch};
 
 use conditions::Conditions;
 pub use flow::FusedFlow;
+pub(crate) use layout::Layout;
 pub(crate) use matrix::Matrix;
 pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
 use samples::{ConditionGroup, Samples, Scratch, Weights};
@@ -47,17 +50,6 @@ pub struct FusedGradient {
     parts: Vec<Part>,
 }
 
-/// Offsets of the layers in the flat list of weights, see [`Head::flat_weights`].
-#[derive(Clone, Debug)]
-pub(crate) struct Layout {
-    pub config: HeadConfig,
-    pub encoder: Vec<Layer>,
-    pub elevation: Vec<Layer>,
-    pub azimuth: Vec<Layer>,
-    pub mixture_weight: Vec<Layer>,
-    pub length: usize,
-}
-
 /// Buffers of one part of a batch, reused between steps.
 #[derive(Default)]
 struct Part {
@@ -66,31 +58,6 @@ struct Part {
     conditions: Conditions,
     samples: Samples,
     scratch: Scratch,
-}
-
-impl Layout {
-    pub fn new(config: HeadConfig) -> Self {
-        let mut length = 0;
-        let mut layers = |sizes: &[usize]| -> Vec<Layer> {
-            let layer = |pair: &[usize]| {
-                let layer = Layer { inputs: pair[0], outputs: pair[1], start: length };
-                length += layer.length();
-                layer
-            };
-            sizes.windows(2).map(layer).collect()
-        };
-        let condition = config.condition.length();
-        let encoder = config.encoder.map(|EncoderConfig { hidden, output }| layers(&[condition, hidden, output]));
-        let seen = config.network_condition();
-        let mut network = |features: usize| {
-            let hidden = std::iter::repeat_n(config.hidden, config.hidden_layers);
-            layers(&std::iter::once(seen + features).chain(hidden).chain([config.logits()]).collect::<Vec<_>>())
-        };
-        let elevation = network(if config.mode == Mode::Coupled { 2 } else { 0 });
-        let azimuth = network(1);
-        let mixture_weight = if config.share { layers(&[seen, MIXTURE_WEIGHT_HIDDEN, 1]) } else { Vec::new() };
-        Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, mixture_weight, length }
-    }
 }
 
 impl FusedGradient {
@@ -162,7 +129,7 @@ impl Vectorized for BatchPart<'_> {
 
 #[cfg(test)]
 mod tests {
-    use headtail_model::Condition;
+    use headtail_model::{Condition, EncoderConfig, HeadConfig, Mode};
     use headtail_render::random::Purpose;
 
     use super::*;

@@ -7,8 +7,8 @@ use headtail_model::{Mode, spline::Topology};
 use headtail_render::simd::LANES;
 
 use super::{
-    Layout,
     conditions::Conditions,
+    layout::Layout,
     matrix::Matrix,
     perceptron::{BackwardScratch, Hidden, Layer, dot, sum},
     splines::Splines,

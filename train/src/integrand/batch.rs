@@ -3,26 +3,8 @@
 use headtail_render::random::{Purpose, Stream};
 use rayon::prelude::*;
 
-use super::{PlacedPoints, PointValues, Target};
-use crate::{Error, Result};
-
-/// Sizes of a batch.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BatchShape {
-    /// Number of conditions.
-    pub conditions: usize,
-    /// Strata per side of Y: each condition has `strata^2` points that cover Y evenly.
-    pub strata: usize,
-    /// Points per condition from BRDF sampling.
-    pub brdf_samples: usize,
-}
-
-impl BatchShape {
-    /// Returns the number of points per condition.
-    pub fn samples(&self) -> usize {
-        self.strata * self.strata + self.brdf_samples
-    }
-}
+use super::target::{BatchShape, PlacedPoints, Target};
+use crate::Result;
 
 /// The conditions of a batch, and uniform numbers in place of its points.
 pub struct UniformBatch {
@@ -185,59 +167,6 @@ impl ConditionPoints<'_> {
     pub fn is_lit(&self) -> bool {
         self.densities.iter().zip(self.weights).any(|(&g, &v)| g > 0.0 && v > 0.0)
     }
-}
-
-/// Maps uniform numbers to one point in each stratum and to BRDF samples, and evaluates the target there.
-///
-/// Of `n` points, `s` are uniform and `b` come from BRDF sampling with density `d`: the balance heuristic
-/// weights a point by `n / (s + b d)`, whichever strategy drew it. BRDF samples without light have no
-/// position in Y and weight 0.
-pub(super) fn place_strata_and_brdf_samples<T: Target + ?Sized>(
-    target: &T,
-    condition: &[f32],
-    shape: BatchShape,
-    place: PlacedPoints<'_>,
-) -> Result<()> {
-    let PlacedPoints { points, densities, weights, brdf, tails } = place;
-    let (points, _) = points.as_chunks_mut::<2>();
-    let strata = shape.strata;
-    let (uniform, of_brdf) = points.split_at_mut(strata * strata);
-    for (index, y) in uniform.iter_mut().enumerate() {
-        y[0] = ((index % strata) as f32 + y[0]) / strata as f32;
-        y[1] = ((index / strata) as f32 + y[1]) / strata as f32;
-    }
-    for (turn, u) in of_brdf.iter_mut().enumerate() {
-        u[0] = (turn as f32 + u[0]) / shape.brdf_samples as f32;
-    }
-    let found = target.brdf_samples(condition, of_brdf);
-    for ((y, found), weight) in of_brdf.iter_mut().zip(found).zip(&mut weights[strata * strata..]) {
-        if found.is_none() {
-            *weight = 0.0;
-        }
-        *y = found.unwrap_or([0.5; 2]);
-    }
-    let (uniform, count) = (strata * strata, shape.samples() as f32);
-    for (index, (&at, values)) in points.iter().zip(target.at_points(condition, points)).enumerate() {
-        if weights[index] == 0.0 {
-            continue;
-        }
-        let values = checked(values, condition, at)?;
-        densities[index] = values.target;
-        brdf[index] = values.brdf;
-        tails[index] = values.tail;
-        weights[index] = count / (uniform as f32 + shape.brdf_samples as f32 * values.brdf);
-    }
-    Ok(())
-}
-
-/// Returns the values if both densities are finite and not negative.
-fn checked(values: PointValues, condition: &[f32], y: [f32; 2]) -> Result<PointValues> {
-    for density in [values.target, values.brdf] {
-        if !(density.is_finite() && density >= 0.0) {
-            return Err(Error::BadTarget { density, y, condition: condition.to_vec() });
-        }
-    }
-    Ok(values)
 }
 
 #[cfg(test)]

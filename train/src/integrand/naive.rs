@@ -4,7 +4,10 @@ use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{latlong, random::Stream};
 
-use super::{BatchShape, PlacedPoints, PointValues, TailMap, Target};
+use super::{
+    TailMap,
+    target::{BatchShape, PlacedPoints, PointValues, Target},
+};
 use crate::Result;
 
 /// The density of `target` mapped to X, light x BRDF x cosine x sin theta up to a factor.

@@ -10,7 +10,11 @@ use headtail_render::{
     tail::Tail,
 };
 
-use super::{PointValues, RenderedSurface, TailMap, TailPoint, Target, product::MAX_BRDF_DENSITY};
+use super::{
+    RenderedSurface, TailMap, TailPoint,
+    product::MAX_BRDF_DENSITY,
+    target::{PointValues, Target},
+};
 
 /// The density over the square U that patches map to Y: the target in Y over the density of patches. It is
 /// flat where the closed form is exact.

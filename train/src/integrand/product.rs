@@ -4,7 +4,10 @@ use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::random::Stream;
 
-use super::{Lambert, PointValues, ShaderTarget, Surface, TailMap, TailPoint, Target};
+use super::{
+    Lambert, ShaderTarget, Surface, TailMap, TailPoint,
+    target::{PointValues, Target},
+};
 
 /// Largest density of BRDF sampling over Y: it has poles where the light vanishes, and infinity times zero is
 /// NaN.

@@ -10,7 +10,10 @@ use headtail_render::{
     tail::{Tail, TailWarp},
 };
 
-use super::{BatchShape, PlacedPoints, PointValues, ProductTarget, Surface, Target};
+use super::{
+    ProductTarget, Surface,
+    target::{BatchShape, PlacedPoints, PointValues, Target},
+};
 use crate::Result;
 
 /// Rows of the table.

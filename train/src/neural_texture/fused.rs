@@ -14,7 +14,11 @@ use headtail_render::{
 };
 use rayon::prelude::*;
 
-use super::{LEAKY_SLOPE, Samples, layout::Layout, loss::Weighting};
+use super::{
+    layout::{LEAKY_SLOPE, Layout},
+    loss::Weighting,
+    samples::Samples,
+};
 use crate::fused::{BackwardScratch, Hidden, Layer, Matrix};
 
 /// Number of parts of a batch whose gradients are summed in order: fixed, so that the sum does not depend on

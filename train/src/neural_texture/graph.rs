@@ -15,8 +15,8 @@ use headtail_render::{
 };
 
 use super::{
-    LEAKY_SLOPE, Samples,
-    layout::{Layout, NETWORKS},
+    Samples,
+    layout::{LEAKY_SLOPE, Layout, NETWORKS},
     loss::Weighting,
 };
 

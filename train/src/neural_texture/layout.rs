@@ -10,6 +10,9 @@ use headtail_render::{
 
 use crate::Result;
 
+/// Slope of the leaky ReLU of the networks.
+pub const LEAKY_SLOPE: f32 = 0.01;
+
 /// Sizes of the networks in the order of their weights.
 pub(super) const NETWORKS: [&[usize]; 3] = [&SHIFT_SIZES, &REFLECTANCE_SIZES, &MIXTURE_SIZES];
 

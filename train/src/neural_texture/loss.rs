@@ -8,7 +8,7 @@
 use glam::Vec3;
 use headtail_render::color::luminance;
 
-use super::Samples;
+use super::samples::Samples;
 
 /// Added to a prediction in the weight of its error, relative to the mean of the batch.
 const ERROR_FLOOR: f32 = 0.05;

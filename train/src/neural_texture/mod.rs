@@ -7,6 +7,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
+//! | `settings.rs` | settings of a fit |
 //! | `samples.rs` | samples of a bidirectional texture |
 //! | `layout.rs` | weights as one list |
 //! | `loss.rs` | the losses of material and lobes |
@@ -20,66 +21,20 @@ mod layout;
 mod loss;
 mod picture;
 mod samples;
+mod settings;
 
-pub use layout::Layout;
+pub use layout::{LEAKY_SLOPE, Layout};
 pub use picture::{DISTANCES, QUERIES, side_by_side};
 pub use samples::{Decibels, Samples, error_over};
+pub use settings::Settings;
 
 use headtail_render::{
     brdf::neural_texture::{Description, FEATURES, NeuralTexture},
     fabric::Source,
 };
-use serde::{Deserialize, Serialize};
 
-use crate::{Error, FitConfig, Result, Run, StepGradient, TrainingState, config::within, trainer::Trainer};
+use crate::{Result, Run, StepGradient, TrainingState, trainer::Trainer};
 use fused::FusedGradient;
-
-/// Slope of the leaky ReLU of the networks.
-pub const LEAKY_SLOPE: f32 = 0.01;
-
-/// Settings of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Settings {
-    /// Texels along an axis of the finest level: a power of two.
-    pub side: usize,
-    /// Training steps.
-    pub steps: usize,
-    /// Samples per step.
-    pub batch: usize,
-    /// Light paths per sample.
-    pub paths: u32,
-    /// Seed of weights and samples.
-    pub seed: u64,
-}
-
-impl Settings {
-    /// Checks the ranges.
-    ///
-    /// # Errors
-    /// [`Error::Config`] naming the field.
-    pub fn check(&self) -> Result<()> {
-        if !self.side.is_power_of_two() || self.side > 512 {
-            let value = self.side.to_string();
-            return Err(Error::Config { field: "side", value, requirement: "a power of two up to 512" });
-        }
-        within("steps", self.steps, 1..=10_000_000, "in 1..=10000000")?;
-        within("batch", self.batch, 16..=1 << 20, "in 16..=1048576")?;
-        within("paths", self.paths, 1..=4096, "in 1..=4096")
-    }
-
-    fn optimizer(&self) -> FitConfig {
-        FitConfig {
-            steps: self.steps,
-            learning_rate: 1e-2,
-            warmup: 0.01,
-            weight_decay: 0.0,
-            clip_norm: f64::MAX,
-            beta_1: 0.9,
-            beta_2: 0.99,
-            ..FitConfig::default()
-        }
-    }
-}
 
 /// Peak learning rate of the networks; the texels use the optimiser's.
 const NETWORK_RATE: f64 = 4e-3;

@@ -11,7 +11,7 @@ use headtail_render::{
     random::{Purpose, Stream},
 };
 
-use super::Settings;
+use super::settings::Settings;
 
 /// Probabilities that a direction is uniform in the projected disk, or mirrored about a slope of [`SLOPES`];
 /// otherwise it is uniform over the hemisphere. Directions to the viewer are not mirrored.

@@ -9,6 +9,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
+//! | `view.rs` | a view of a material |
 //! | `points.rs` | views, and directions in proportion to reflectance |
 //! | `model.rs` | densities with gradients |
 
@@ -16,14 +17,12 @@ mod model;
 mod points;
 #[cfg(test)]
 mod tests;
+mod view;
 
 pub use points::{RivalMaterial, RivalQuality};
 
 use burn::prelude::Device;
-use headtail_render::{
-    brdf::neural_texture::FEATURES,
-    rival::{Rival, RivalKind},
-};
+use headtail_render::rival::{Rival, RivalKind};
 
 use serde::{Deserialize, Serialize};
 
@@ -136,11 +135,4 @@ fn gradient(
         d_weight.iter_mut().zip(&part.1).for_each(|(sum, g)| *sum += fraction * g);
     }
     Ok(StepGradient { loss, d_weight })
-}
-
-/// Inputs of a sampler at a point, in the tangent frame: features and the direction to the viewer.
-#[derive(Clone, Copy, Debug)]
-struct View {
-    features: [f32; FEATURES],
-    wo: [f32; 3],
 }

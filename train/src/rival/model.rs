@@ -17,7 +17,7 @@ use headtail_render::{
     },
 };
 
-use super::{View, points::Points};
+use super::{points::Points, view::View};
 use crate::Result;
 
 /// A network's layers: weights `[out, in]` and biases `[1, out]`.

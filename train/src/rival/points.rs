@@ -19,7 +19,7 @@ use headtail_render::{
 };
 use serde::Serialize;
 
-use super::View;
+use super::view::View;
 use crate::{Error, Result};
 
 /// Smallest cosine of views.

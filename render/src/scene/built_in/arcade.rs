@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use super::{
-    Model, Paint,
+    model::{Model, Paint},
     shapes::{arch, block, curve, cushion, fluted_lathe, lathe, sheet, tube},
 };
 

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Affine3A, Quat, Vec3};
 
 use super::{
-    Model, Paint, fabric,
+    model::{Model, Paint, fabric},
     shapes::{ball, bar, block, curve, cushion, lathe, line, sheet},
     worn::mapped,
 };

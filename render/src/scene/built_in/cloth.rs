@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::{
-    Model, fabric,
+    model::{Model, fabric},
     shapes::{ball, block},
 };
 use crate::scene::Mesh;

@@ -5,7 +5,7 @@ use std::f32::consts::{PI, TAU};
 use glam::{Affine3A, Quat, Vec2, Vec3};
 
 use super::{
-    Model, Paint,
+    model::{Model, Paint},
     shapes::{ball, bar, block, curve, cushion, lathe, line, prism, sheet, tube},
 };
 use crate::{

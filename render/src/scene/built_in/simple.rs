@@ -4,7 +4,7 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3};
 
-use super::{Model, shapes::lathe};
+use super::{model::Model, shapes::lathe};
 use crate::scene::Mesh;
 
 /// A white unit sphere around the origin, finely tessellated, with smooth normals.

@@ -5,7 +5,7 @@ use std::f32::consts::PI;
 use glam::{Affine3A, Quat, Vec2, Vec3};
 
 use super::{
-    Model, Paint,
+    model::{Model, Paint},
     shapes::{block, curve, fluted_lathe, lathe, line, prism, stairs},
 };
 use crate::scene::Mesh;

@@ -284,3 +284,11 @@ fn read_file(path: &Path, bytes_left: &Cell<u64>) -> std::io::Result<Vec<u8>> {
     file.take(size).read_to_end(&mut bytes)?;
     Ok(bytes)
 }
+
+/// Adds the file and the field to an error about a value made from `field`.
+pub(super) fn in_field(document: &Document, field: &str, error: Error) -> Error {
+    match error {
+        Error::Argument { what, reason } => document.invalid(format!("{field}: {what}"), reason),
+        other => other,
+    }
+}

@@ -5,7 +5,11 @@ use std::collections::HashMap;
 
 use glam::{Affine3A, DAffine3, DVec3, Vec3};
 
-use super::{document::Document, in_field, nodes::Instance, primitive::read_mesh};
+use super::{
+    document::{Document, in_field},
+    nodes::Instance,
+    primitive::read_mesh,
+};
 use crate::{
     error::Result,
     scene::{MAX_COORDINATE, Mesh, copies::is_placement},

@@ -9,9 +9,7 @@ use glam::{Vec3A, Vec4};
 use image::{DynamicImage, GenericImageView};
 
 use super::{
-    default_material,
-    document::Document,
-    in_field,
+    document::{Document, in_field},
     json::{self, TextureInfo, Whole},
 };
 use crate::{
@@ -248,4 +246,9 @@ fn wrap(mode: Option<Whole>) -> Wrap {
         Some(Whole(33_648)) => Wrap::Mirror,
         _ => Wrap::Repeat,
     }
+}
+
+/// The material of primitives without one.
+pub(super) fn default_material() -> Material {
+    Material::MetallicRoughness(TexturedMetallicRoughness::default())
 }

@@ -32,14 +32,11 @@ use std::{collections::BTreeSet, path::Path};
 
 use glam::{DAffine3, DVec3, Vec2};
 
-use super::{Camera, Material, Mesh, Scene, TexturedMetallicRoughness};
-use crate::{
-    error::{Error, Result},
-    remark::Remark,
-};
+use super::{Camera, Material, Mesh, Scene};
+use crate::{error::Result, remark::Remark};
 use cameras::PlacedCamera;
 use document::Document;
-use materials::Textures;
+use materials::{Textures, default_material};
 use nodes::Placed;
 
 /// A scene whose middle is farther from the origin than this many times its size is moved there: f32
@@ -186,17 +183,4 @@ fn origin(meshes: &[(Mesh, Vec<DAffine3>)]) -> DVec3 {
     let (middle, extent) = (0.5 * (min + max), (max - min).max_element());
     let is_far = middle.is_finite() && middle.abs().max_element() > FAR * extent.max(1e-3);
     if is_far { middle.round() } else { DVec3::ZERO }
-}
-
-/// Adds the file and the field to an error about a value made from `field`.
-fn in_field(document: &Document, field: &str, error: Error) -> Error {
-    match error {
-        Error::Argument { what, reason } => document.invalid(format!("{field}: {what}"), reason),
-        other => other,
-    }
-}
-
-/// The material of primitives without one.
-fn default_material() -> Material {
-    Material::MetallicRoughness(TexturedMetallicRoughness::default())
 }

@@ -4,8 +4,7 @@ use glam::{DAffine3, Vec2, Vec3, Vec4};
 
 use super::{
     accessor::{has_components, read_indices, read_vectors},
-    document::Document,
-    in_field,
+    document::{Document, in_field},
     json::{self, Primitive, TextureInfo, TextureTransform, Whole},
     skins::bend,
 };

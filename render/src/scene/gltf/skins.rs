@@ -4,8 +4,7 @@ use glam::{Affine3A, DAffine3, DMat3, DMat4};
 
 use super::{
     accessor::read_vectors,
-    document::Document,
-    in_field,
+    document::{Document, in_field},
     json::{Primitive, Skin, Whole},
 };
 use crate::{

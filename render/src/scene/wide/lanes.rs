@@ -2,7 +2,7 @@
 //!
 //! Both forms round alike, so that hits are the same on every processor.
 
-use super::WIDTH;
+use super::tree::WIDTH;
 
 /// One number per child or triangle.
 pub type Lanes = [f32; WIDTH];
@@ -205,7 +205,10 @@ mod avx2 {
 
     use pulp::{cast, x86::V3};
 
-    use super::{Eight, WIDTH, packed};
+    use crate::scene::wide::{
+        lanes::{Eight, packed},
+        tree::WIDTH,
+    };
 
     impl Eight for V3 {
         type Floats = __m256;

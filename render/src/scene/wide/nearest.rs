@@ -4,9 +4,9 @@
 //! wait for those of the others.
 
 use super::{
-    Child, ROOT, WIDTH, WideBvh,
     lanes::{Eight, Lanes},
     probe::Probe,
+    tree::{Child, ROOT, WIDTH, WideBvh},
 };
 use crate::scene::ray::{Hit, Ray};
 

@@ -5,9 +5,9 @@
 //! rounding is monotonic. So each ray finds the same hit as alone.
 
 use super::{
-    Block, Child, Node, ROOT, WIDTH, WideBvh,
     lanes::{Eight, Lanes},
     probe::{LEAST, OUTWARD, meet},
+    tree::{Block, Child, Node, ROOT, WIDTH, WideBvh},
 };
 use crate::scene::ray::{Hit, Ray};
 

@@ -2,7 +2,10 @@
 
 use glam::Vec3A;
 
-use super::{Block, Node, lanes::Eight};
+use super::{
+    lanes::Eight,
+    tree::{Block, Node},
+};
 use crate::scene::ray::Ray;
 
 /// Factor on exit distances. Distances to the planes of a box are off by at most three roundings each (6e-8);

@@ -4,7 +4,11 @@
 //! different rays do not wait for each other, and a step does not branch on how many children it adds or on
 //! whether they are leaves.
 
-use super::{Child, MOST_BITS, Node, ROOT, WIDTH, WideBvh, lanes::Eight, probe::Probe};
+use super::{
+    lanes::Eight,
+    probe::Probe,
+    tree::{Child, MOST_BITS, Node, ROOT, WIDTH, WideBvh},
+};
 use crate::scene::ray::Ray;
 
 /// Rays in flight at once.

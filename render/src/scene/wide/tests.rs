@@ -1,9 +1,14 @@
 //! Tests of the hierarchy alone: leaves, child encoding, and the portable form.
 
 use glam::{Vec3, Vec3A};
-use obvhs::triangle::Triangle;
+use obvhs::{
+    aabb::Aabb,
+    bvh2::{Bvh2, node::Bvh2Node},
+    rt_triangle::RtTriangle,
+    triangle::Triangle,
+};
 
-use super::*;
+use super::{tree::Child, *};
 use crate::random::{Purpose, Stream};
 
 fn vector(random: &mut Stream) -> Vec3A {

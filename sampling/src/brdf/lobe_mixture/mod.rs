@@ -8,7 +8,7 @@ mod fit;
 
 use glam::{Vec2, Vec3};
 
-use super::{Ggx, Kernel, LATENTS, Lambert, Surfaces};
+use super::{Ggx, Kernel, Lambert, Surfaces, parameters::LATENTS};
 use crate::{
     columns::vectorized,
     discrete::BELOW_ONE,

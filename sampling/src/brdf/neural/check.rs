@@ -4,7 +4,7 @@ use std::fmt;
 
 use glam::{Vec2, Vec3};
 
-use super::Network;
+use super::network::Network;
 use crate::{
     brdf::{LobeMixture, luminance},
     error::{Error, Result},

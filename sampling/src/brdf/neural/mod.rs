@@ -18,7 +18,7 @@ use std::fmt;
 
 use glam::Vec3;
 
-use super::{Brdf, LATENTS, LobeMixture, Surfaces};
+use super::{Brdf, LobeMixture, Surfaces, parameters::LATENTS};
 use crate::{error::Result, simd::Lanes};
 
 /// A measured BRDF: a network for evaluation, and a mixture of lobes fitted to it for sampling.

@@ -164,8 +164,8 @@ impl NeuralTexture {
     }
 
     /// The parameters of the [`Brdf`](super::Brdf) at a point: features, then the tangent.
-    pub fn parameters(&self, seen: &Seen) -> [f32; super::MAX_PARAMETERS] {
-        let mut parameters = [0.0; super::MAX_PARAMETERS];
+    pub fn parameters(&self, seen: &Seen) -> [f32; super::parameters::MAX_PARAMETERS] {
+        let mut parameters = [0.0; super::parameters::MAX_PARAMETERS];
         parameters[..FEATURES].copy_from_slice(&self.features(seen));
         parameters[FEATURES..FEATURES + 3].copy_from_slice(&seen.tangent);
         parameters
