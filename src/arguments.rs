@@ -227,13 +227,7 @@ impl ViewArguments {
             // `build_global` succeeds once per process; each command calls this once.
             rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads)).build_global().context("--threads")?;
         }
-        let settings = self.settings();
-        let opened = settings.open_under(open_environment(&settings.env)?)?;
-        say_remarks(&self.scene, opened.remarks())?;
-        if self.material.is_some() {
-            opened.scene().brdf_notes().for_each(|said| note!("material {said}"));
-        }
-        Ok(opened)
+        open_view(&self.settings())
     }
 
     /// [`Self::open`] with changed light and restricted to a part of the picture.
@@ -247,6 +241,20 @@ impl ViewArguments {
         opened.set_light(light.env_rotate, light.env_scale.0).map_err(|error| anyhow!("--{error}"))?;
         Ok(opened)
     }
+}
+
+/// Opens scene and environment, and prints the remarks on their files.
+///
+/// # Errors
+/// If one of them cannot be read, or the camera or the material does not fit the scene; with `--strict`, also for
+/// warnings.
+pub fn open_view(settings: &ViewSettings) -> Result<OpenedView> {
+    let opened = settings.open_under(open_environment(&settings.env)?)?;
+    say_remarks(&settings.scene, opened.remarks())?;
+    if settings.material.is_some() {
+        opened.scene().brdf_notes().for_each(|said| note!("material {said}"));
+    }
+    Ok(opened)
 }
 
 /// Returns a first sentence and the list of all forms of SPEC.

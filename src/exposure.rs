@@ -4,6 +4,8 @@ use headtail_render::{color::luminance, image::Image, integrator::Rendering};
 
 /// Luminance to which the mean of a picture is exposed; the tone curve maps it to 0.37.
 const MIDDLE: f32 = 0.6;
+/// The same for a photograph, which has no tone curve.
+const MIDDLE_GREY: f32 = 0.22;
 /// Side, in pixels, of the blocks over which luminance is averaged: their order hardly depends on noise.
 const BLOCK: usize = 8;
 /// Fraction of the brightest blocks that is excluded, so that a window or a spot of sun does not darken the
@@ -29,6 +31,11 @@ pub fn of_image(image: &Image, counted: &[bool]) -> f32 {
     let some: Vec<f32> = counted.iter().map(|&counted| f32::from(u8::from(counted))).collect();
     let stops = of_part(image, if counted.is_empty() { &all } else { &some }).or_else(|| of_part(image, &all));
     (10.0 * stops.unwrap_or(0.0)).round() / 10.0
+}
+
+/// Returns the exposure of a photograph in stops: [`of_image`] without a tone curve.
+pub fn of_photograph(image: &Image) -> f32 {
+    of_image(image, &[]) + (MIDDLE_GREY / MIDDLE).log2()
 }
 
 /// Returns the stops of an image that holds the light of the fraction `fractions` of each pixel; `None` if all

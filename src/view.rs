@@ -6,15 +6,15 @@ use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Quat, Vec2, Vec3, Vec3A};
 use headtail_render::{
-    color::luminance,
     composite::rectified_view,
     file,
-    image::{Attribute, Image, encode_png_rgb8, latin_1, srgb_code, write_exr},
+    image::{Attribute, encode_png_rgb8, latin_1, srgb_code, write_exr},
     memory,
     scene::{Camera, FspyProject, UpAxis},
 };
 
 use crate::arguments::{MapArguments, open_environment};
+use crate::exposure;
 use crate::given::given;
 use crate::output::OutputFile;
 use crate::terminal::say;
@@ -67,8 +67,6 @@ pub struct Arguments {
 const ORIGIN_ROW: f32 = 0.66;
 /// Distance of the origin over the camera's height, if the camera does not see the ground.
 const FAR: f32 = 4.0;
-/// Luminance to which the mean of a photograph is exposed.
-const MIDDLE_GREY: f32 = 0.22;
 
 /// Writes the three files.
 pub fn run(arguments: &Arguments) -> Result<()> {
@@ -82,7 +80,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let (width, height) = (arguments.width as usize, arguments.height as usize);
     memory::require_pictures(width, height, 0)?;
     let image = rectified_view(&environment, &camera, width, height);
-    let stops = automatic_exposure(&image) + arguments.exposure;
+    let stops = exposure::of_photograph(&image) + arguments.exposure;
     let attributes =
         [Attribute::new("environment", latin_1(environment.name())), Attribute::new("png.exposure", stops)];
     exr_file.write(|path| write_exr(path, &image, &attributes))?;
@@ -123,20 +121,6 @@ fn camera(arguments: &Arguments) -> Result<Camera> {
         eye * (FAR * Vec3A::new(ahead.x, 0.0, ahead.z).normalize_or_zero() - Vec3A::Y)
     };
     Ok(origin.moved(&Affine3A::from_translation((-offset).into())))
-}
-
-/// Returns the exposure in stops that brings the mean of a picture to middle grey, with little of it clipped.
-pub fn automatic_exposure(image: &Image) -> f32 {
-    let mut luminances: Vec<f32> =
-        image.pixels.iter().map(|&pixel| luminance(pixel.into())).filter(|l| *l > 0.0 && l.is_finite()).collect();
-    if luminances.is_empty() {
-        return 0.0;
-    }
-    luminances.sort_by(f32::total_cmp);
-    // Excludes the brightest 5 %, so that a window does not darken the room.
-    let kept = &luminances[..(luminances.len() * 19 / 20).max(1)];
-    let mean = kept.iter().sum::<f32>() / kept.len() as f32;
-    (MIDDLE_GREY / mean).log2().clamp(-40.0, 40.0)
 }
 
 #[cfg(test)]

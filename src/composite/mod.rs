@@ -18,6 +18,7 @@ use headtail_render::{
 use crate::terminal::{self, note, say, warning};
 use crate::{
     arguments::note_use,
+    exposure,
     output::OutputFolder,
     progress,
     report::{number::duration, picture},
@@ -139,7 +140,7 @@ impl Development {
     /// Returns the conversion for composites into this photograph.
     pub fn of(setting: &Setting) -> Self {
         let photograph = &setting.photograph;
-        Self { exposure: photograph.is_radiance.then(|| crate::view::automatic_exposure(&photograph.image) + 0.5) }
+        Self { exposure: photograph.is_radiance.then(|| exposure::of_photograph(&photograph.image) + 0.5) }
     }
 
     /// Encodes a picture as PNG.

@@ -161,7 +161,7 @@ impl Arguments {
             table.set_env(self.map.of(env));
         }
         match &self.conditions_from {
-            Some(scene) => table.set_viewpoints(Picture::new(scene.clone(), camera)),
+            Some(scene) => table.set_viewpoints(Picture::new(scene.clone(), camera.settings())),
             None => {
                 ensure!(camera.look_from.is_none() && camera.fov.is_none(), "a camera needs --conditions-from SCENE");
             }

@@ -4,11 +4,12 @@
 //! | --- | --- |
 //! | `tails.rs`, `discontinuities.rs` | `--tail`; discontinuities of a tail |
 //! | `visibility.rs` | `--visibility` |
-//! | `portals.rs` | `--portals` |
+//! | `lights.rs`, `portals.rs` | `--lights`, `--portals` |
 //! | `cloth.rs` | `--place`: a point of a neural material |
 
 mod cloth;
 mod discontinuities;
+mod lights;
 mod portals;
 pub mod tails;
 mod visibility;
@@ -51,13 +52,14 @@ use crate::terminal::{self, out};
   headtail inspect --visibility --scene bedroom --env room.hdr out/bedroom-visibility.safetensors --out out/bedroom-cells.svg
   headtail inspect --tail --env room.hdr out/flow/sampler.safetensors --out out/room-tails.svg
   headtail inspect --portals --scene bedroom --out out/portals.py
+  headtail inspect --lights --env sky.exr --out out/suns.gltf --rest out/sky-without-suns.exr
 
 A head that has learned how often to draw from BRDF sampling instead is shown in that mixture, as `head+mis` draws. The target \
 and the final density are lat-long pictures of the sphere per unit of solid angle; the intermediate density is \
 over the intermediate square Y (azimuth across, elevation down). Each has a colour scale of its own, of six powers of ten.")]
 pub struct Arguments {
     /// File written by fit or bake.
-    #[arg(required_unless_present_any = ["tail", "portals"])]
+    #[arg(required_unless_present_any = ["tail", "portals", "lights"])]
     file: Option<PathBuf>,
     /// Draw and measure the tails of --env.
     /// Includes the flow tail of the file, if it has one.
@@ -72,7 +74,15 @@ pub struct Arguments {
     /// mis2:portals:FILE, as glTF nodes, as USD portal lights or as a script for Blender.
     #[arg(long, requires = "scene", conflicts_with_all = ["tail", "visibility", "file"], group = "of_scene")]
     portals: bool,
-    /// Map for --tail and --visibility.
+    /// Find the sun and the lamps of --env.
+    /// As JSON, CSV, directional lights of glTF (KHR_lights_punctual) or a script for Blender: direction,
+    /// irradiance of a surface that faces the light, solid angle.
+    #[arg(long, requires = "env", conflicts_with_all = ["tail", "visibility", "portals", "file"])]
+    lights: bool,
+    /// Write the map without the lights of --lights.
+    #[arg(long, value_name = "FILE.exr", requires = "lights")]
+    rest: Option<PathBuf>,
+    /// Map for --tail, --visibility and --lights.
     /// A built-in environment (overcast, window, studio, sunset) or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
@@ -90,7 +100,7 @@ pub struct Arguments {
     /// Print the figures as a JSON object.
     #[arg(long, conflicts_with = "visibility")]
     json: bool,
-    /// SVG file to write; for --portals a .json, .gltf, .usda or .py file.
+    /// SVG file to write; for --portals a .json, .gltf, .usda or .py file, for --lights .json, .csv, .gltf or .py.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten)]
@@ -118,6 +128,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if arguments.portals {
         let (scene, camera) = arguments.scene.open()?;
         return portals::inspect(&scene, &camera, &arguments.out, arguments.json);
+    }
+    if let (true, Some(map)) = (arguments.lights, &arguments.env) {
+        return lights::inspect(&*open_environment(map)?, &arguments.out, arguments.rest.as_deref(), arguments.json);
     }
     let is_drawing = arguments.out.extension().is_some_and(|extension| extension == "svg");
     ensure!(is_drawing, "--out {}: the picture is a drawing; name a .svg file", arguments.out.display());

@@ -7,6 +7,7 @@ use headtail_eval::{Budget, Entry, Plan, Reference, ReferencePolicy, Run};
 use headtail_render::{scene::MaterialSpec, spec::SamplerSpec};
 
 use super::view::MeasuredView;
+use crate::arguments::open_view;
 
 /// Figures by name: `kl`, `mse:temple`, ...
 pub type Measures = BTreeMap<String, f64>;
@@ -23,7 +24,7 @@ pub fn errors_of_view(
     spec: &SamplerSpec,
     cache: &Path,
 ) -> Result<Measures> {
-    let opened = measured.view(env, material)?.open()?;
+    let opened = open_view(&measured.view(env, material)?)?;
     let entry = Entry::new(spec.to_string(), opened.estimator(spec)?);
     let never = AtomicBool::new(false);
     let policy = ReferencePolicy::new(measured.reference_spp, 1);

@@ -1,11 +1,9 @@
 //! Views in a run's table: for conditions and for measured pictures.
 
 use anyhow::{Result, ensure};
-use glam::Vec3A;
+use headtail_eval::{CameraSettings, ViewSettings};
 use headtail_render::scene::MaterialSpec;
 use serde::{Deserialize, Serialize};
-
-use crate::arguments::{CameraArguments, Triple, ViewArguments};
 
 /// A scene and a camera.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,18 +40,16 @@ impl Picture {
         72
     }
 
-    /// Returns the picture of a camera of the command line.
-    pub fn new(scene: String, camera: &CameraArguments) -> Self {
-        let CameraArguments { width, height, look_from, look_at, fov } = *camera;
-        let place = |triple: Option<Triple>| triple.map(|triple| triple.0.to_array());
-        Self { scene, ground: false, width, height, look_from: place(look_from), look_at: place(look_at), fov }
+    /// Returns a scene's picture.
+    pub fn new(scene: String, camera: CameraSettings) -> Self {
+        let CameraSettings { width, height, look_from, look_at, fov } = camera;
+        Self { scene, ground: false, width, height, look_from, look_at, fov }
     }
 
-    /// Returns the camera as arguments of the command line.
-    pub fn camera(&self) -> CameraArguments {
-        let place = |numbers: Option<[f32; 3]>| numbers.map(|numbers| Triple(Vec3A::from_array(numbers)));
-        let Self { width, height, fov, .. } = *self;
-        CameraArguments { width, height, look_from: place(self.look_from), look_at: place(self.look_at), fov }
+    /// Returns the camera.
+    pub fn camera(&self) -> CameraSettings {
+        let Self { width, height, look_from, look_at, fov, .. } = *self;
+        CameraSettings { width, height, look_from, look_at, fov }
     }
 
     /// Checks that its numbers can be rendered.
@@ -143,18 +139,15 @@ impl MeasuredView {
     }
 
     /// Returns the view to render, for a head for this material under this map.
-    pub fn view(&self, env: &str, material: &MaterialSpec) -> Result<ViewArguments> {
+    pub fn view(&self, env: &str, material: &MaterialSpec) -> Result<ViewSettings> {
         let parse = |text: &str| text.parse::<MaterialSpec>().map_err(anyhow::Error::from);
         let material = match self.material.as_deref() {
             Some("scene") => None,
             Some(text) => Some(parse(text)?),
             None => Some(material.clone()),
         };
-        Ok(ViewArguments {
-            ground: self.picture.ground,
-            material,
-            ..ViewArguments::of(&self.picture.scene, env, self.picture.camera())
-        })
+        let Picture { scene, ground, .. } = &self.picture;
+        Ok(ViewSettings { ground: *ground, material, ..ViewSettings::new(scene, env, self.picture.camera()) })
     }
 
     /// Checks that its numbers can be rendered.

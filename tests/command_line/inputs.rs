@@ -60,6 +60,8 @@ fn cases<'a>() -> Vec<Case<'a>> {
         ("chart results --out chart.html".into(), "results/results.csv", "chart.html"),
         ("inspect IN --out a.svg".into(), "table", "a.svg"),
         ("inspect --portals --scene IN --out a.json".into(), "scene.gltf", "a.json"),
+        ("inspect --lights --env IN --out a.json".into(), "map.exr", "a.json"),
+        ("inspect --lights --env IN --out a.json --rest b.exr".into(), "map.exr", "b.exr"),
         ("inspect --tail --env IN --out a.svg".into(), "map.exr", "a.svg"),
         ("export IN --target wgsl --out shader".into(), "table", "shader/floats.bin"),
         ("export patches --env IN --target wgsl --out shader".into(), "map.exr", "shader/layout.json"),

@@ -62,13 +62,22 @@ fn shown(rows: &[&Map<String, Value>]) -> String {
 fn cell(value: Option<&Value>) -> String {
     match value {
         Some(Value::Number(number)) => digits(number.as_f64().unwrap_or(f64::NAN)),
-        Some(Value::String(text)) => text.parse().map_or_else(|_| text.clone(), digits),
+        Some(Value::String(text)) => text.parse().map_or_else(|_| with_dashes(text), digits),
         Some(Value::Bool(is)) => is.to_string(),
         _ => "\u{2013}".into(),
     }
 }
 
-/// Pivots one value of a list of objects by two of its keys, in order of first appearance.
+/// Joins the ends of an interval in brackets by a dash.
+fn with_dashes(text: &str) -> String {
+    match text.split_once('[') {
+        Some((value, ends)) if ends.ends_with(']') => format!("{value}[{}", ends.replace(", ", "\u{2013}")),
+        _ => text.to_owned(),
+    }
+}
+
+/// Pivots one value of a list of objects by two of its keys, in order of first appearance; `only` is what names of
+/// columns begin with.
 fn pivot(list: &[Value], block: &Block) -> Result<String> {
     let [row_key, column_key, value_key] = [block.need("rows")?, block.need("columns")?, block.need("value")?];
     let text = |object: &Value, key: &str| -> Result<String> {
@@ -80,8 +89,12 @@ fn pivot(list: &[Value], block: &Block) -> Result<String> {
             .to_owned())
     };
     let (mut rows, mut columns, mut cells) = (Vec::new(), Vec::new(), Vec::new());
+    let wanted = block.get("only").unwrap_or_default();
     for object in list {
         let (row, column) = (text(object, row_key)?, text(object, column_key)?);
+        if !column.starts_with(wanted) {
+            continue;
+        }
         for (name, known) in [(&row, &mut rows), (&column, &mut columns)] {
             if !known.contains(name) {
                 known.push(name.clone());

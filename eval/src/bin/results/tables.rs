@@ -41,16 +41,16 @@ pub fn ratios(shown: &Shown<'_>, block: &Block) -> Result<String> {
         few if few.len() <= MOST_NAMED => format!("the best of {}", few.join(", ")),
         many => format!("the best of {} baselines", many.len()),
     };
-    let title = format!("MSE of {baseline} over MSE {what}");
+    let title = format!("MSE of {baseline} over MSE {what}; \u{2193}: views below 1");
     Ok(table(&std::iter::once(title).chain(head).collect::<Vec<_>>(), &rows.collect::<Vec<_>>()))
 }
 
 /// Formats a geometric mean with its interval and the number of views below 1.
 fn ratio_cell(ratios: &Ratios) -> String {
-    let Ratios { mean, below_one, count, without, .. } = ratios;
+    let Ratios { mean, below_one, without, .. } = ratios;
     let mut cell = interval_cell(mean);
     if *below_one > 0 {
-        cell += &format!(", {below_one} of {count} below 1");
+        cell += &format!(" \u{2193}{below_one}");
     }
     if *without > 0 {
         cell += &format!(", {without} without");
@@ -59,7 +59,7 @@ fn ratio_cell(ratios: &Ratios) -> String {
 }
 
 fn interval_cell(interval: &Interval) -> String {
-    format!("{} [{}, {}]", digits(interval.value), digits(interval.low), digits(interval.high))
+    format!("{} [{}\u{2013}{}]", digits(interval.value), digits(interval.low), digits(interval.high))
 }
 
 /// Table of sample times relative to a baseline, by group, and of seconds of preparation.
