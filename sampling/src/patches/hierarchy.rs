@@ -49,7 +49,7 @@ pub struct Patches {
     /// Lobe width below which twigs are used; a diffuse surface counts as a lobe of width 1.
     pub(super) narrow: f32,
     pub(super) clusters: Vec<Patch>,
-    /// The mean density over solid angle of the light of each cluster, see [`moments::Moments::brightness`].
+    /// The mean density over solid angle of the light of each cluster, see [`super::moments::Moments::brightness`].
     pub(super) brightness: Vec<f32>,
     pub(super) leaves: Level,
     pub(super) twigs: Level,

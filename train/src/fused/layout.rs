@@ -4,7 +4,7 @@ use headtail_model::{EncoderConfig, HeadConfig, Mode, head::MIXTURE_WEIGHT_HIDDE
 
 use super::perceptron::Layer;
 
-/// Offsets of the layers in the flat list of weights, see [`Head::flat_weights`].
+/// Offsets of the layers in the flat list of weights, see [`Head::flat_weights`](headtail_model::Head::flat_weights).
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     pub config: HeadConfig,

@@ -80,7 +80,7 @@ impl Batch {
     /// Draws a batch: a function of (target, shape, seed, purpose, index) alone, on any number of threads.
     ///
     /// # Errors
-    /// [`Error::BadTarget`] if the target returns a density that is negative or not finite.
+    /// [`Error::BadTarget`](crate::Error::BadTarget) if the target returns a density that is negative or not finite.
     pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Result<Self> {
         let UniformBatch { condition_length, conditions, points, mixture_weight_logits } =
             UniformBatch::draw(target, shape, seed, purpose, index);

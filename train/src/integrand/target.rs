@@ -49,7 +49,7 @@ pub trait Target: Sync {
     /// each stratum of Y and the rest are BRDF samples, combined by the balance heuristic.
     ///
     /// # Errors
-    /// [`Error::BadTarget`](crate::Error::BadTarget) if a density is negative or not finite.
+    /// [`Error::BadTarget`] if a density is negative or not finite.
     fn place(&self, condition: &[f32], shape: BatchShape, points: PlacedPoints<'_>) -> Result<()> {
         place_strata_and_brdf_samples(self, condition, shape, points)
     }

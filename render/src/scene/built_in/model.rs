@@ -44,7 +44,7 @@ impl Model {
     }
 
     /// [`Self::gloss`] whose roughness varies over the surface between the two given; shapes need
-    /// [`worn::mapped`].
+    /// [`super::worn::mapped`].
     pub(super) fn worn(&mut self, base_color: [f32; 3], metallic: f32, roughness: [f32; 2]) -> Paint {
         self.textured(base_color, metallic, roughness[1], Some(super::worn::texture(roughness[0] / roughness[1])))
     }
