@@ -1,7 +1,8 @@
 //! `headtail inspect --lights`: the sun and the lamps of a map, for renderers without environment sampling.
 //!
 //! A light is a connected set of texels around a peak that is much brighter than the ring around it; its irradiance is
-//! what it has more than that ring. The rest is the map with each light replaced by its ring.
+//! what it has more than that ring. A halo that touches a light is added to it. The rest is the map with each light
+//! replaced by its ring.
 
 use std::path::Path;
 
@@ -42,7 +43,7 @@ struct Light {
     direction: Vec3A,
     /// Irradiance of a surface that faces it, per channel, in the units of the map.
     irradiance: DVec3,
-    /// Steradians.
+    /// Steradians of the texels without a halo.
     solid_angle: f64,
     /// Fraction of the map's light, by luminance.
     fraction: f64,
@@ -52,6 +53,14 @@ impl Light {
     /// Angular radius, in radians, of the disc of its solid angle.
     fn radius(&self) -> f64 {
         (1.0 - self.solid_angle / std::f64::consts::TAU).acos()
+    }
+
+    /// Adds the light of a halo.
+    fn add(&mut self, halo: &Self) {
+        let towards = self.fraction as f32 * self.direction + halo.fraction as f32 * halo.direction;
+        self.direction = towards.normalize_or(self.direction);
+        self.irradiance += halo.irradiance;
+        self.fraction += halo.fraction;
     }
 
     /// Its colour, with the largest channel 1, and the irradiance of that channel.
@@ -99,7 +108,7 @@ pub fn inspect(environment: &Environment, path: &Path, rest: Option<&Path>, json
             light.radius().to_degrees()
         );
     }
-    let all: f64 = lights.iter().map(|light| light.fraction).sum();
+    let all = lights.iter().fold(0.0, |sum, light| sum + light.fraction);
     out!("{} lights with {:.1} % of the light of {}", lights.len(), 100.0 * all, environment.name());
     out!("{} written", path.display());
     Ok(())
@@ -132,18 +141,27 @@ impl Texels {
         let mut peaks: Vec<usize> = (0..luminances.len()).collect();
         peaks.sort_by(|&a, &b| luminances[b].total_cmp(&luminances[a]));
         let mut is_seen = vec![false; peaks.len()];
-        let (mut lights, mut tries) = (Vec::new(), 0);
+        // Texels of lights, with the index of the light; they belong to no other, but to the halo around it.
+        let mut owners = std::collections::HashMap::new();
+        let (mut lights, mut tries) = (Vec::<Light>::new(), 0);
         for peak in peaks {
             if is_seen[peak] || tries == TRIES || lights.len() == MOST || total <= 0.0 {
                 continue;
             }
             tries += 1;
-            let (own, ring) = self.grown(peak, &is_seen);
+            let (own, ring) = self.grown(peak, |k| is_seen[k] && !owners.contains_key(&k));
             own.iter().for_each(|&k| is_seen[k] = true);
-            if let Some(light) = self.light(peak, &own, &ring, total) {
-                let around = self.median(&ring);
-                own.iter().for_each(|&k| self.image.pixels[k] = around);
-                lights.push(light);
+            let Some(light) = self.light(peak, &own, &ring, total) else { continue };
+            let around = self.median(&ring);
+            for &k in &own {
+                self.image.pixels[k] = around;
+                self.luminances[k] = f64::from(luminance(around.into()));
+            }
+            let owner = own.iter().chain(&ring).find_map(|k| owners.get(k).copied()).unwrap_or(lights.len());
+            owners.extend(own.into_iter().map(|k| (k, owner)));
+            match lights.get_mut(owner) {
+                Some(core) => core.add(&light),
+                None => lights.push(light),
             }
         }
         lights.sort_by(|a, b| b.fraction.total_cmp(&a.fraction));
@@ -152,7 +170,7 @@ impl Texels {
 
     /// Returns the connected texels around a peak that are bright enough, and the texels around them. Stops beyond the
     /// largest solid angle.
-    fn grown(&self, peak: usize, is_seen: &[bool]) -> (Vec<usize>, Vec<usize>) {
+    fn grown(&self, peak: usize, is_taken: impl Fn(usize) -> bool) -> (Vec<usize>, Vec<usize>) {
         let least = OF_PEAK * self.luminances[peak];
         let (mut own, mut ring, mut solid_angle) = (vec![peak], Vec::new(), 0.0);
         let mut is_known = std::collections::HashSet::from([peak]);
@@ -161,7 +179,7 @@ impl Texels {
             solid_angle += self.solid_angles[own[next] / self.image.width];
             for k in self.neighbours(own[next]) {
                 if is_known.insert(k) {
-                    let is_own = self.luminances[k] >= least && !is_seen[k];
+                    let is_own = self.luminances[k] >= least && !is_taken(k);
                     if is_own { own.push(k) } else { ring.push(k) }
                 }
             }
@@ -297,7 +315,7 @@ fn blender(lights: &[Light]) -> String {
 mod tests {
     use super::*;
 
-    /// A grey sky with two discs of a colour, given by direction, angular radius in radians, and radiance.
+    /// A grey sky with discs of a colour (the first counts), given by direction, angular radius in radians, and radiance.
     fn sky(discs: &[(Vec3A, f32, f32)]) -> Environment {
         let (width, height) = (512, 256);
         let texel = |k: usize| {
@@ -336,6 +354,18 @@ mod tests {
         // Lights and rest together are the map.
         let apart: f64 = lights.iter().map(|light| light.irradiance.x).sum::<f64>() + light_of(&rest);
         assert!((apart / before - 1.0).abs() < 1e-6, "{apart} {before}");
+        assert!(rest.pixels.iter().all(|pixel| *pixel == [1.0; 3]));
+    }
+
+    #[test]
+    fn a_halo_is_part_of_its_light() {
+        let towards = Vec3A::new(0.3, 0.2, -1.0).normalize();
+        let discs = [(towards, 0.03, 5000.0), (towards, 0.08, 100.0)];
+        let (lights, rest) = Texels::new(&sky(&discs)).lights();
+        assert_eq!(lights.len(), 1);
+        assert!((lights[0].radius() / 0.03 - 1.0).abs() < 0.08, "{lights:?}");
+        let halo = 100.0 * std::f64::consts::TAU * (0.03_f64.cos() - 0.08_f64.cos());
+        assert!(lights[0].irradiance.x > 5000.0 * lights[0].solid_angle + 0.8 * halo, "{lights:?}");
         assert!(rest.pixels.iter().all(|pixel| *pixel == [1.0; 3]));
     }
 
