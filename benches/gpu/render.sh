@@ -5,19 +5,7 @@
 set -uo pipefail
 program="$1" out="$2"
 width="${WIDTH:-1024}" height="${HEIGHT:-1024}" seconds="${SECONDS_EACH:-0.5}" runs="${RUNS:-2}" views="${VIEWS:-10}"
-mkdir -p "$out"
-# Its absence makes the driver print a warning for every device.
-export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-$out}"
-
-# part NAME SECONDS COMMAND...: one part in a process of its own, with its whole log; a failure ends only this part.
-part() {
-    local name="$1" limit="$2" start="$SECONDS" status=0
-    shift 2
-    timeout "$limit" "$@" >"$out/$name.txt" 2>&1 || status=$?
-    echo "$name: status $status, $((SECONDS - start)) s" | tee -a "$out/parts.txt"
-}
-
-part devices 20 bash -c 'nvidia-smi || true; lscpu'
+. "$(dirname "$0")/part.sh"
 
 # Is it right here: the same picture by the CPU and by the device.
 for device in cpu gpu; do

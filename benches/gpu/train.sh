@@ -6,19 +6,7 @@
 set -uo pipefail
 program="$1" bench="$2" out="$3"
 conditions="${CONDITIONS:-256}" steps="${STEPS:-50}"
-mkdir -p "$out"
-# Its absence makes the driver print a warning for every device.
-export XDG_RUNTIME_DIR="${XDG_RUNTIME_DIR:-$out}"
-
-# part NAME SECONDS COMMAND...: one part in a process of its own, with its whole log; a failure ends only this part.
-part() {
-    local name="$1" seconds="$2" start="$SECONDS" status=0
-    shift 2
-    timeout "$seconds" "$@" >"$out/$name.txt" 2>&1 || status=$?
-    echo "$name: status $status, $((SECONDS - start)) s" | tee -a "$out/parts.txt"
-}
-
-part devices 20 bash -c 'nvidia-smi || true; lscpu'
+. "$(dirname "$0")/part.sh"
 # Is it right here: gradients against the host's and against f64, ten steps of training.
 part right 60 "$program" backends --preset fast-ggx --conditions 8 --samples 64 --steps 3 --json
 part step 90 "$bench" "$conditions" "$steps"

@@ -20,10 +20,10 @@ pub struct Calibration {
 /// estimate; a rendering with that number of samples corrects it, and is repeated while it is off. `render`
 /// returns samples and seconds of a rendering, or `None` after an interruption.
 ///
+/// All runs of a sampler then take the same number of samples, whatever else the machine does.
+///
 /// # Errors
 /// Those of `render`.
-///
-/// All runs of a sampler then take the same number of samples, whatever else the machine does.
 pub fn calibrate(
     seconds: f64,
     mut render: impl FnMut(Budget) -> Result<Option<(u32, f64)>>,
