@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use glam::{DVec3, Quat, Vec2, Vec3, Vec3A};
 use headtail_render::{
     color::luminance,
@@ -89,6 +89,10 @@ pub fn inspect(environment: &Environment, path: &Path, rest: Option<&Path>, json
     let Some(format) = FORMATS.iter().find(|format| Some(format.extension) == extension) else {
         bail!("--out {}: name a .json, .csv, .gltf or .py (Blender) file", path.display());
     };
+    if let Some(rest) = rest {
+        let is_exr = rest.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
+        ensure!(is_exr, "--rest {}: the map is written as OpenEXR; name a .exr file", rest.display());
+    }
     let output = OutputFile::take(path)?;
     let rest = rest.map(OutputFile::take).transpose()?;
     let (lights, without) = Texels::new(environment).lights();
