@@ -2,9 +2,9 @@
 
     python benches/mask_bias.py --program FILE --out FOLDER [--spp 1024] [--seeds 8]
 
-Composites a ball into a view of the built-in studio with both forms of the mask, and the same samples. Prints as JSON
-how much the paper's form changes the whole shadow (the mean of 1 - mask), and its error by another estimate: that form
-minus the control variate, which is unbiased, in percent of the shadow, with 95 % intervals over seeds."""
+Composites a ball into a view of the built-in studio with both forms of the mask and the same samples. Prints as JSON
+the difference of the paper's form from the control variate, which is unbiased, in the whole shadow (the mean of
+1 - mask), in percent of the shadow, with 95 % intervals over seeds."""
 
 import argparse
 import json

@@ -1,9 +1,11 @@
 //! The command line of `autosize`.
 
-use crate::given::given;
+use std::path::PathBuf;
+
 use clap::Args;
 use headtail_render::scene::MaterialSpec;
-use std::path::PathBuf;
+
+use crate::given::given;
 
 /// Find the smallest sampler that is good enough for a scene under a map.
 #[derive(Args)]

@@ -1,17 +1,19 @@
 //! The command line of `composite`.
 
-use crate::{
-    arguments::{MapArguments, Triple},
-    given::{given, one_of},
-    light::LightArguments,
-};
+use std::path::PathBuf;
+
 use clap::Args;
 use headtail_render::{
     composite::MaskForm,
     scene::{MaterialSpec, UpAxis},
     spec::SamplerSpec,
 };
-use std::path::PathBuf;
+
+use crate::{
+    arguments::{MapArguments, Triple},
+    given::{given, one_of},
+    light::LightArguments,
+};
 
 const UP_AXES: [(UpAxis, &str, &str); 2] = [(UpAxis::Y, "y", "+Y"), (UpAxis::Z, "z", "+Z, as in Blender")];
 

@@ -4,19 +4,22 @@
 //! what it has more than that ring. A halo that touches a light is added to it. The rest is the map with each light
 //! replaced by its ring.
 
-use std::path::Path;
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, ensure};
 use glam::{DVec3, Quat, Vec2, Vec3, Vec3A};
 use headtail_render::{
     color::luminance,
     environment::Environment,
-    file,
     image::{Image, write_exr},
-    latlong,
+    latlong, memory,
 };
 use serde_json::{Value, json};
 
+use super::light_files::{Format, LightFile, blender_vector, gltf_of_nodes};
 use crate::{
     output::OutputFile,
     report::number,
@@ -70,13 +73,7 @@ impl Light {
     }
 }
 
-/// A format by the extension of its file.
-struct Format {
-    extension: &'static str,
-    text: fn(&[Light]) -> String,
-}
-
-const FORMATS: [Format; 4] = [
+const FORMATS: [Format<Light>; 4] = [
     Format { extension: "json", text: |lights| format!("{:#}", Value::from_iter(lights.iter().map(described))) },
     Format { extension: "csv", text: csv },
     Format { extension: "gltf", text: gltf },
@@ -85,18 +82,16 @@ const FORMATS: [Format; 4] = [
 
 /// Finds the lights of a map, writes them, and the map without them to `rest`.
 pub fn inspect(environment: &Environment, path: &Path, rest: Option<&Path>, json: bool) -> Result<()> {
-    let extension = path.extension().and_then(|extension| extension.to_str());
-    let Some(format) = FORMATS.iter().find(|format| Some(format.extension) == extension) else {
-        bail!("--out {}: name a .json, .csv, .gltf or .py (Blender) file", path.display());
-    };
     if let Some(rest) = rest {
         let is_exr = rest.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"));
         ensure!(is_exr, "--rest {}: the map is written as OpenEXR; name a .exr file", rest.display());
     }
-    let output = OutputFile::take(path)?;
+    let output = LightFile::take(path, &FORMATS, ".json, .csv, .gltf or .py (Blender)")?;
     let rest = rest.map(OutputFile::take).transpose()?;
+    // The map's copy, and as much for luminances and lists of texels.
+    memory::require_pictures(environment.width(), environment.height(), 2)?;
     let (lights, without) = Texels::new(environment).lights();
-    output.write(|path| file::replace(path, (format.text)(&lights).as_bytes()))?;
+    output.write(&lights)?;
     if let Some(rest) = rest {
         rest.write(|path| write_exr(path, &without, &[]))?;
     }
@@ -146,7 +141,7 @@ impl Texels {
         peaks.sort_by(|&a, &b| luminances[b].total_cmp(&luminances[a]));
         let mut is_seen = vec![false; peaks.len()];
         // Texels of lights, with the index of the light; they belong to no other, but to the halo around it.
-        let mut owners = std::collections::HashMap::new();
+        let mut owners = HashMap::new();
         let (mut lights, mut tries) = (Vec::<Light>::new(), 0);
         for peak in peaks {
             if is_seen[peak] || tries == TRIES || lights.len() == MOST || total <= 0.0 {
@@ -177,7 +172,7 @@ impl Texels {
     fn grown(&self, peak: usize, is_taken: impl Fn(usize) -> bool) -> (Vec<usize>, Vec<usize>) {
         let least = OF_PEAK * self.luminances[peak];
         let (mut own, mut ring, mut solid_angle) = (vec![peak], Vec::new(), 0.0);
-        let mut is_known = std::collections::HashSet::from([peak]);
+        let mut is_known = HashSet::from([peak]);
         let mut next = 0;
         while next < own.len() && solid_angle <= MOST_SOLID_ANGLE {
             solid_angle += self.solid_angles[own[next] / self.image.width];
@@ -278,15 +273,8 @@ fn gltf(lights: &[Light]) -> String {
         })
     };
     let nodes: Vec<Value> = lights.iter().enumerate().map(node).collect();
-    let mut file = json!({
-        "asset": {"version": "2.0", "generator": "headtail"},
-        "scene": 0,
-        "scenes": [{"name": "lights"}],
-    });
-    // Lists of glTF must not be empty.
-    if !nodes.is_empty() {
-        file["scenes"][0]["nodes"] = (0..nodes.len()).collect();
-        file["nodes"] = nodes.into();
+    let mut file = gltf_of_nodes("lights", nodes);
+    if !lights.is_empty() {
         file["extensionsUsed"] = json!(["KHR_lights_punctual"]);
         let lights: Vec<Value> = lights.iter().enumerate().map(light).collect();
         file["extensions"] = json!({"KHR_lights_punctual": {"lights": lights}});
@@ -294,12 +282,12 @@ fn gltf(lights: &[Light]) -> String {
     format!("{file:#}")
 }
 
-/// A script that adds sun lights; Blender's axes are those of an imported glTF file.
+/// A script that adds sun lights.
 fn blender(lights: &[Light]) -> String {
     let row = |light: &Light| {
-        let (d, (color, strength)) = (light.direction, light.color_and_strength());
+        let (towards, (color, strength)) = (blender_vector(light.direction), light.color_and_strength());
         let [red, green, blue] = color.to_array();
-        format!("    (({}, {}, {}), ({red}, {green}, {blue}), {strength}, {}),\n", d.x, -d.z, d.y, 2.0 * light.radius())
+        format!("    ({towards}, ({red}, {green}, {blue}), {strength}, {}),\n", 2.0 * light.radius())
     };
     format!(
         "\"\"\"Adds lights found by headtail as suns. Run it in Blender's text editor.\"\"\"\n\nimport bpy\n\

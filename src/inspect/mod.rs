@@ -5,10 +5,12 @@
 //! | `tails.rs`, `discontinuities.rs` | `--tail`; discontinuities of a tail |
 //! | `visibility.rs` | `--visibility` |
 //! | `lights.rs`, `portals.rs` | `--lights`, `--portals` |
+//! | `light_files.rs` | their files |
 //! | `cloth.rs` | `--place`: a point of a neural material |
 
 mod cloth;
 mod discontinuities;
+mod light_files;
 mod lights;
 mod portals;
 pub mod tails;

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use base64::{Engine, prelude::BASE64_STANDARD};
 use glam::Vec3A;
 use headtail_render::{
-    file,
     portals::{Portal, Portals, to_json},
     scene::{Camera, Scene},
 };
 use serde_json::{Value, json};
 
+use super::light_files::{Format, LightFile, blender_vector, gltf_of_nodes};
 use crate::{
-    output::OutputFile,
     report::number,
     terminal::{self, out, warning},
 };
@@ -21,13 +20,7 @@ use crate::{
 /// Coverage below which light would be lost in renderers that sample the environment through portals alone.
 const COVERED: f32 = 0.98;
 
-/// A format by the extension of its file.
-struct Format {
-    extension: &'static str,
-    text: fn(&[Portal]) -> String,
-}
-
-const FORMATS: [Format; 4] = [
+const FORMATS: [Format<Portal>; 4] = [
     Format { extension: "json", text: to_json },
     Format { extension: "gltf", text: gltf },
     Format { extension: "usda", text: usd },
@@ -36,16 +29,11 @@ const FORMATS: [Format; 4] = [
 
 /// Finds the portals of the room that a camera is in, writes them and reports them.
 pub fn inspect(scene: &Scene, camera: &Camera, path: &Path, json: bool) -> Result<()> {
-    let extension = path.extension().and_then(|extension| extension.to_str());
-    let Some(format) = FORMATS.iter().find(|format| Some(format.extension) == extension) else {
-        bail!("--out {}: name a .json (for --sampler), .gltf, .usda (USD) or .py (Blender) file", path.display());
-    };
-    let output = OutputFile::take(path)?;
+    let output = LightFile::take(path, &FORMATS, ".json (for --sampler), .gltf, .usda (USD) or .py (Blender)")?;
     let found = Portals::find(scene, camera)?;
     let coverage = found.coverage(scene, camera, 1);
     let percent = |fraction: f32| format!("{:.1} %", 100.0 * fraction);
-    let text = (format.text)(&found.portals);
-    output.write(|path| file::replace(path, text.as_bytes()))?;
+    output.write(&found.portals)?;
     if coverage < COVERED {
         warning!(
             "the portals cover {} of the rays; renderers that sample the environment through portals alone lose the rest",
@@ -102,25 +90,20 @@ fn gltf(portals: &[Portal]) -> String {
             json!({"name": name(number), "mesh": 0, "matrix": matrix})
         })
         .collect();
-    let file = json!({
-        "asset": {"version": "2.0", "generator": "headtail"},
-        "scene": 0,
-        "scenes": [{"name": "portals", "nodes": (0..nodes.len()).collect::<Vec<_>>()}],
-        "nodes": nodes,
-        "meshes": [{"name": "portal", "primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": [
-            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, -0.5, 0.0], "max": [0.5, 0.5, 0.0]},
-            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962},
-            {"buffer": 0, "byteOffset": 48, "byteLength": 12, "target": 34963},
-        ],
-        "buffers": [{
-            "byteLength": bytes.len(),
-            "uri": format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&bytes)),
-        }],
-    });
+    let mut file = gltf_of_nodes("portals", nodes);
+    file["meshes"] = json!([{"name": "portal", "primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}]);
+    file["accessors"] = json!([
+        {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "min": [-0.5, -0.5, 0.0], "max": [0.5, 0.5, 0.0]},
+        {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+    ]);
+    file["bufferViews"] = json!([
+        {"buffer": 0, "byteOffset": 0, "byteLength": 48, "target": 34962},
+        {"buffer": 0, "byteOffset": 48, "byteLength": 12, "target": 34963},
+    ]);
+    file["buffers"] = json!([{
+        "byteLength": bytes.len(),
+        "uri": format!("data:application/octet-stream;base64,{}", BASE64_STANDARD.encode(&bytes)),
+    }]);
     format!("{file:#}")
 }
 
@@ -145,13 +128,12 @@ fn usd(portals: &[Portal]) -> String {
     text + "}\n"
 }
 
-/// A script that adds area lights as portals of Cycles; Blender's axes are those of an imported glTF file.
+/// A script that adds area lights as portals of Cycles.
 fn blender(portals: &[Portal]) -> String {
-    let z_up = |v: Vec3A| format!("({}, {}, {})", v.x, -v.z, v.y);
     let rows: Vec<String> = portals
         .iter()
         .map(|portal| {
-            let vectors = [portal.center, portal.normal, portal.up].map(z_up).join(", ");
+            let vectors = [portal.center, portal.normal, portal.up].map(blender_vector).join(", ");
             format!("    ({vectors}, {}, {}),\n", portal.width, portal.height)
         })
         .collect();

@@ -1,12 +1,13 @@
 //! Locks of files, which keep two programs from writing to one folder.
 
-use crate::terminal::warning;
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
     io::ErrorKind,
     path::Path,
     sync::Once,
 };
+
+use crate::terminal::warning;
 
 /// Opens and locks a file; `None` if another process holds the lock. The lock lasts until the file is dropped
 /// or the process ends. On a file system without locks, no process is excluded and a warning is printed once.

@@ -1,11 +1,9 @@
 //! A synthetic comparison for tests: a lit ball on a plane with the noise of samplers of known quality.
 
-use headtail_eval::Measurement;
+use headtail_eval::{Measurement, mean_luminance};
 use headtail_render::image::Image;
 use headtail_render::random::{Purpose, Stream};
 use headtail_render::statistics::{ErrorMetrics, ttuv};
-
-use headtail_eval::mean_luminance;
 
 use super::comparison::{Comparison, Preparation, RenderedImage, State};
 
