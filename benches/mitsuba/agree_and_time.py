@@ -137,16 +137,11 @@ def timed(work):
 def form_of(sampler, alpha):
     """Returns Dr.Jit's form of a sampler: functions of normals, views, and uniform points or given
     directions."""
-    from headtail.mitsuba._integrators import product_of
-    from headtail.mitsuba._patches import Patches, Point
+    from headtail.mitsuba._light import product_of
+    from headtail.mitsuba._patches import Point
 
     product = product_of(sampler._native.arrays())
     lobes = None if alpha is None else (mi.Float(0), mi.Float(1), mi.Float(1), mi.Float(alpha))
-    if isinstance(product, Patches):
-        return (
-            lambda n, wo, z: product.sample(Point(n, wo, lobes), z, None, None),
-            lambda n, wo, wi: product.invert(Point(n, wo, lobes), wi)[1],
-        )
     return (
         lambda n, wo, z: product.sample(product.prepare(Point(n, wo, lobes)), z),
         lambda n, wo, wi: product.pdf(product.prepare(Point(n, wo, lobes)), wi),

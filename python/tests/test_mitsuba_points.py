@@ -96,7 +96,7 @@ def points(variant):
 @pytest.mark.parametrize("loops", [False, True])
 def test_heads_match_the_native_ones(points, heads, loops):
     """Tests both ways to multiply matrices."""
-    from headtail.mitsuba._integrators import product_of
+    from headtail.mitsuba._light import product_of
 
     for name, file in heads.items():
         native = Native("studio", f"head+patches:{file}" if "patches" in name else f"head:{file}")
@@ -122,14 +122,14 @@ def test_patches_match_the_native_ones(points, map, fine, glossy):
 
     native = headtail.Sampler(headtail._native.Sampler.patches_alone(headtail.Environment(map)._native, fine))
     patches, surface = Patches(native._native.arrays()), {"alpha": points.alpha} if glossy else {}
-    at = points.point(points.alpha if glossy else None)
+    prepared = patches.prepare(points.point(points.alpha if glossy else None))
     draws = native.sample(points.n, points.wo, u=points.u, radiance=False, **surface)
-    wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), None, None)
+    wi, pdf = patches.sample(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)))
     drawn = draws.pdf > 0
     are_near("draws", np.array(wi).T[drawn], draws.wi[drawn], np.array(pdf)[drawn], draws.pdf[drawn])
     # One pass samples half of the points, and evaluates pdfs of given directions at the others.
     is_given = np.arange(COUNT) % 2 == 1
-    wi, pdf = patches.sample(at, mi.Point2f(np.ascontiguousarray(points.u.T)), mi.Bool(is_given), vectors(points.given))
+    wi, pdf = patches.sample_or_pdf(prepared, mi.Point2f(np.ascontiguousarray(points.u.T)), mi.Bool(is_given), vectors(points.given))
     expected = np.where(is_given, native.pdf(points.given, points.n, points.wo, **surface), draws.pdf)
     counts = is_given | drawn
     expected_wi = np.where(is_given[:, None], points.given, draws.wi)

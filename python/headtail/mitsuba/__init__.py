@@ -3,13 +3,13 @@ every variant with arrays.
 
 Properties: `sampler` ("auto", which is "patches", "patches:fine" or "table", built on first use), or `file` (a table
 of `headtail bake`, or a head of `headtail fit`, over patches or not, for the scene's map); `hide_emitters`; of
-`headtail_path` also `max_depth` and `rr_depth`. The scene is lit by one environment map (`envmap`, with any `to_world`, or
-`constant`).
+`headtail_direct` also `shading_samples`; of `headtail_path` also `max_depth` and `rr_depth`. The scene has an environment
+map (`envmap`, with any rotation, or `constant`), and any other emitters.
 """
 
-# _integrators.py: the integrators and their samplers; _patches.py, _table.py, _head.py: samplers;
-# _network.py, _spline.py: parts of heads; _warp.py: directions and the quad-tree tail; _tails.py: the
-# other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
+# _integrators.py: the integrators; _light.py: the environment and its sampler; _emitters.py: other emitters;
+# _patches.py, _table.py, _head.py: samplers; _network.py, _spline.py: parts of heads; _warp.py: directions and
+# the quad-tree tail; _tails.py: the other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
 
 import functools
 

@@ -115,13 +115,14 @@ class HeadOverPatches:
         self.head, self.patches = Head(arrays, loops), Patches(arrays)
 
     def prepare(self, at):
-        """Returns a shading point and the networks' input there."""
-        return at, self.head.prepare(at)
+        """Returns the patches' masses at a shading point and the networks' input there."""
+        return self.patches.prepare(at), self.head.prepare(at)
 
     def mixture_weight(self, prepared):
         """Returns the mixture weight beside BSDF sampling: the odds of patches times a learned
         factor."""
-        at, seen = prepared
+        of_patches, seen = prepared
+        at = of_patches.at
         mixture_weight = mi.Float(1) if at.is_diffuse else mixture_weight_by_width((at.diffuse, at.specular, at.f0, at.alpha))
         if not self.head.has_mixture_weight:
             return mixture_weight
@@ -130,13 +131,13 @@ class HeadOverPatches:
 
     def sample(self, prepared, z, active=True):
         """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
-        at, seen = prepared
+        of_patches, seen = prepared
         through, q = self.head.draw(seen, z)
-        direction, pdf = self.patches.sample(at, through, None, None, active)
+        direction, pdf = self.patches.sample(of_patches, through, active)
         return direction, positive(q * pdf)
 
     def pdf(self, prepared, wi, active=True):
         """Returns the solid-angle pdf of a direction under `sample`."""
-        at, seen = prepared
-        through, pdf = self.patches.invert(at, wi, active)
+        of_patches, seen = prepared
+        through, pdf = self.patches.invert(of_patches, wi, active)
         return positive(self.head.density(seen, through) * pdf)

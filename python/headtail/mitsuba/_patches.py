@@ -126,6 +126,14 @@ class Point:
             self.cos_o = dr.maximum(dot(n, wo), 1e-4)
 
 
+class Prepared:
+    """A shading point with the running sums of its clusters' masses, their total, and the mixture weight of the
+    product beside BSDF sampling."""
+
+    def __init__(self, at, sums, total, mixture_weight):
+        self.at, self.sums, self.total, self.mixture_weight = at, sums, total, mixture_weight
+
+
 def mixture_weight_by_width(lobes):
     """Returns the mixture weight of the product beside BSDF sampling, by the width of lobes alone."""
     diffuse, specular, f0, alpha = lobes
@@ -220,7 +228,36 @@ class Patches:
         self.narrow = float(arrays["patches.narrow"][0])
         self.small = int(arrays["patches.small"][0])
 
-    def sample(self, at, z, given, wi, active=True):
+    def prepare(self, at):
+        """Returns the clusters' masses at a shading point, which serve any number of directions.
+
+        Running sums for cutting the square are in local memory. Small lights come first and get multiples of 1/4
+        of all samples.
+        """
+        sums, squared = self.cluster_masses(at)
+        total = sums[-1]
+        mixture_weight = mixture_weight_beside_bsdf(at, total, squared)
+        if self.small > 0:
+            factor, added = small_light_scales(sums[self.small - 1], total, mixture_weight)
+            if not at.is_diffuse:
+                at_leaves = at.alpha >= self.narrow
+                factor, added = dr.select(at_leaves, factor, 1), dr.select(at_leaves, added, 0)
+            sums = [sum * factor if k < self.small else sum + added for k, sum in enumerate(sums)]
+            total = total + added
+        local = dr.alloc_local(mi.Float, CLUSTERS)
+        for k, sum in enumerate(sums):
+            local[k] = sum
+        return Prepared(at, local, total, mixture_weight)
+
+    def sample(self, prepared, z, active=True):
+        """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
+        return self.sample_or_pdf(prepared, z, None, None, active)
+
+    def pdf(self, prepared, wi, active=True):
+        """Returns the solid-angle pdf of a direction under `sample`."""
+        return self.invert(prepared, wi, active)[1]
+
+    def sample_or_pdf(self, prepared, z, given, wi, active=True):
         """Samples directions for uniform points z, and evaluates pdfs of directions `wi` where `given`: (direction,
         solid-angle pdf).
 
@@ -232,7 +269,7 @@ class Patches:
             x, factor = squares(wi)
             cell, inside_cell = self.tail.cell(x)
             twig = dr.gather(mi.UInt32, self.twig_of_cell, cell, active & given)
-        (left, right, top, bottom), cuts, q = self.walk(at, z, given, twig, active)
+        (left, right, top, bottom), cuts, q = self.walk(prepared, z, given, twig, active)
         inside = inside_of(cuts, z)
         y = mi.Point2f(within(left, right, inside.x), within(top, bottom, inside.y))
         draws = active & ~given if has_given else active
@@ -244,22 +281,22 @@ class Patches:
             direction, pdf = dr.select(given, wi, direction), dr.select(given, density * factor, pdf)
         return direction, positive(pdf * q)
 
-    def invert(self, at, wi, active=True):
+    def invert(self, prepared, wi, active=True):
         """Returns the uniform points that map to directions, and their solid-angle pdfs; points with pdf 0
         are invalid."""
         x, factor = squares(wi)
         y, density = self.tail.pull_back(x, active)
         twig = dr.gather(mi.UInt32, self.twig_of_cell, self.tail.cell(x)[0], active)
-        rectangle, (left, right, top, bottom), q = self.walk(at, x, mi.Bool(True), twig, active)
+        rectangle, (left, right, top, bottom), q = self.walk(prepared, x, mi.Bool(True), twig, active)
         inside = inside_of(rectangle, y)
         z = mi.Point2f(left + (right - left) * inside.x, top + (bottom - top) * inside.y)
         return dr.minimum(z, BELOW_ONE), positive(q * density * factor)
 
-    def walk(self, at, z, given, twig, active):
+    def walk(self, prepared, z, given, twig, active):
         """Returns (rectangle of Y, rectangle of uniform points, density over Y) of the patch that contains z,
         or where `given` of a twig's."""
         given = mi.Bool(False) if given is None else given
-        sums, total = self.cluster_sums(at)
+        at, sums, total = prepared.at, prepared.sums, prepared.total
         root = dr.gather(mi.UInt32, self.roots, mi.UInt32(0))
         square = mi.Float(0), mi.Float(1), mi.Float(0), mi.Float(1)
         place, mass, *cuts = descend(self.forest, root, sums, total, z, given, twig // (PARTS * PARTS), *square, active)
@@ -273,11 +310,6 @@ class Patches:
             )
         return rectangle, cuts, probability * inverse_energy
 
-    def mixture_weight(self, at):
-        """Returns the mixture weight of the product beside BSDF sampling."""
-        sums, squared = self.cluster_masses(at)
-        return mixture_weight_beside_bsdf(at, sums[-1], squared)
-
     def cluster_masses(self, at):
         """Returns running sums of the clusters' masses, and the sum of masses weighted by the density of
         their light."""
@@ -287,23 +319,6 @@ class Patches:
             sums.append(sums[-1] + mass if sums else mass)
             squared += mass * record[14]
         return sums, squared
-
-    def cluster_sums(self, at):
-        """Returns running sums for cutting the square, in local memory, and their total. Small lights come
-        first and get multiples of 1/4 of all samples."""
-        sums, squared = self.cluster_masses(at)
-        total = sums[-1]
-        if self.small > 0:
-            factor, added = small_light_scales(sums[self.small - 1], total, mixture_weight_beside_bsdf(at, total, squared))
-            if not at.is_diffuse:
-                at_leaves = at.alpha >= self.narrow
-                factor, added = dr.select(at_leaves, factor, 1), dr.select(at_leaves, added, 0)
-            sums = [sum * factor if k < self.small else sum + added for k, sum in enumerate(sums)]
-            total = total + added
-        local = dr.alloc_local(mi.Float, CLUSTERS)
-        for k, sum in enumerate(sums):
-            local[k] = sum
-        return local, total
 
     def level(self, name, first_root, at, parent, probability, z, cuts, own, given, active):
         """Descends one level: (index, probability, cuts, one over the part's energy)."""

@@ -1,0 +1,117 @@
+"""Variance at equal time inside Mitsuba 3: `headtail_direct` against `direct` in its best form.
+
+    python benches/mitsuba/equal_time.py --data DATA --out results/mitsuba.csv
+
+The views of `benches/peers/renderers/views.py`, diffuse and glossy, and the first of them with three area lights. Both
+integrators take multijittered points, and one or four samples per hit; `direct` samples the map with MIS compensation.
+The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. A picture's best
+form is the one with the least product, for each side. Needs mitsuba, numpy and headtail, and nothing else that runs.
+"""
+
+import argparse
+import csv
+import itertools
+import os
+import pathlib
+import sys
+import tempfile
+import time
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "benches" / "peers" / "renderers"))
+mi.set_variant("llvm_ad_rgb")
+import headtail.mitsuba  # noqa: E402, F401
+import views  # noqa: E402
+
+RUNS, SECONDS = 6, 1.0
+WIDTH, HEIGHT = 256, 192
+SAMPLES = (1, 4)
+COLUMNS = ("view", "material", "lamps", "integrator", "shading_samples", "spp", "seconds", "variance", "mean")
+
+
+def mesh_of(vertices, faces, alpha):
+    kind = {"type": "diffuse"} if alpha is None else {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": alpha}
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": kind})
+    properties["face_normals"] = True
+    mesh = mi.Mesh("mesh", len(vertices), len(faces), props=properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
+
+
+def lamps_above(look_from, look_at):
+    """Returns three area lights around the middle of a view, above it and turned down."""
+    middle, distance = np.array(look_at), np.linalg.norm(np.subtract(look_from, look_at))
+    places = middle + distance * np.array([[-0.3, 0.4, 0.2], [0.3, 0.5, -0.1], [0.1, 0.4, 0.4]])
+    down = [mi.ScalarTransform4f().translate(place.tolist()).rotate([1, 0, 0], 90).scale([0.06 * float(distance)] * 3) for place in places]
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": 4}}
+    return {f"lamp {k}": {"type": "rectangle", "to_world": place, "emitter": emitter} for k, place in enumerate(down)}
+
+
+def scene_of(opened, map, alpha, has_lamps, integrator, samples):
+    vertices, faces, look_from, look_at, fov = opened
+    lamps = lamps_above(look_from, look_at) if has_lamps else {}
+    return mi.load_dict({
+        "type": "scene",
+        "integrator": {"type": integrator, "shading_samples": samples},
+        "sensor": {
+            "type": "perspective", "fov": fov, "fov_axis": "y",
+            "to_world": mi.ScalarTransform4f().look_at(list(look_from), list(look_at), [0, 1, 0]),
+            "film": {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}},
+            "sampler": {"type": "multijitter"},
+        },
+        "map": {"type": "envmap", "filename": str(map), "mis_compensation": integrator == "direct"},
+        "mesh": mesh_of(vertices, faces, alpha), **lamps,
+    })  # fmt: skip
+
+
+def rendered(scene, spp, seed):
+    start = time.perf_counter()
+    picture = np.array(mi.render(scene, spp=spp, seed=seed))[..., :3]
+    return picture, time.perf_counter() - start
+
+
+def measured(scene):
+    """Returns (samples per pixel, median seconds, variance, mean) of pictures of about SECONDS each."""
+    # A number of samples has a kernel of its own, which the first picture compiles.
+    rendered(scene, 16, 1)
+    spp = max(1, round(16 * SECONDS / rendered(scene, 16, 2)[1]))
+    rendered(scene, spp, 3)
+    pictures, times = zip(*(rendered(scene, spp, 10 + run) for run in range(RUNS)))
+    values = np.stack(pictures).astype(np.float64)
+    return spp, np.median(times), values.var(0, ddof=1).mean(), values.mean()
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=pathlib.Path, required=True, help="the folder with scenes/ and envmaps/")
+    parser.add_argument("--out", type=pathlib.Path, required=True, help="the CSV file to write")
+    parser.add_argument("--threads", type=int, default=2)
+    settings = parser.parse_args()
+    dr.set_thread_count(settings.threads)
+    rows = []
+    for view, has_lamps in [(view, False) for view in views.VIEWS] + [(views.VIEWS[0], True)]:
+        opened, map = views.opened(view, settings.data), settings.data / "envmaps" / f"{view.map}.hdr"
+        for material in view.materials:
+            products = {}
+            for integrator, samples in itertools.product(("direct", "headtail_direct"), SAMPLES):
+                scene = scene_of(opened, map, views.MATERIALS[material], has_lamps, integrator, samples)
+                spp, seconds, variance, mean = measured(scene)
+                products.setdefault(integrator, []).append(variance * seconds)
+                numbers = f"{seconds:.3f}", f"{variance:.5g}", f"{mean:.5g}"
+                rows.append((view.name, material, int(has_lamps), integrator, samples, spp, *numbers))
+            ratio = min(products["direct"]) / min(products["headtail_direct"])
+            print(f"{view.name}, {material}, {'with' if has_lamps else 'without'} lamps: {ratio:.2f}", flush=True)
+            with tempfile.NamedTemporaryFile("w", dir=settings.out.parent, newline="", delete=False) as file:
+                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+            os.replace(file.name, settings.out)
+
+
+main()
