@@ -1,20 +1,19 @@
 """Variance at equal time inside Mitsuba 3: `headtail_direct` against `direct` in its best form.
 
-    python benches/mitsuba/equal_time.py --data DATA --out results/mitsuba.csv
+    python benches/mitsuba/equal_time.py --data DATA
 
 The views of `benches/peers/renderers/views.py`, diffuse and glossy, and the first of them with three area lights. Both
 integrators take multijittered points, and one or four samples per hit; `direct` samples the map with MIS compensation.
-The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. A picture's best
-form is the one with the least product, for each side. Needs mitsuba, numpy and headtail, and nothing else that runs.
+The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. Ratios are those
+of the best form of `direct` in the picture over each form. Needs mitsuba, numpy and headtail, and nothing else that
+runs. Prints a JSON list, and progress to the standard error.
 """
 
 import argparse
-import csv
 import itertools
-import os
+import json
 import pathlib
 import sys
-import tempfile
 import time
 
 import drjit as dr
@@ -30,7 +29,6 @@ import views  # noqa: E402
 RUNS, SECONDS = 6, 1.0
 WIDTH, HEIGHT = 256, 192
 SAMPLES = (1, 4)
-COLUMNS = ("view", "material", "lamps", "integrator", "shading_samples", "spp", "seconds", "variance", "mean")
 
 
 def mesh_of(vertices, faces, alpha):
@@ -78,21 +76,31 @@ def rendered(scene, spp, seed):
     return picture, time.perf_counter() - start
 
 
-def measured(scene):
-    """Returns (samples per pixel, median seconds, variance, mean) of pictures of about SECONDS each."""
+def samples_of(scene):
+    """Returns the samples per pixel of pictures of about SECONDS each."""
     # A number of samples has a kernel of its own, which the first picture compiles.
     rendered(scene, 16, 1)
     spp = max(1, round(16 * SECONDS / rendered(scene, 16, 2)[1]))
     rendered(scene, spp, 3)
-    pictures, times = zip(*(rendered(scene, spp, 10 + run) for run in range(RUNS)))
-    values = np.stack(pictures).astype(np.float64)
-    return spp, np.median(times), values.var(0, ddof=1).mean(), values.mean()
+    return spp
+
+
+def measured(scenes):
+    """Returns (samples per pixel, median seconds, variance, mean) of each scene, rendered in turn."""
+    samples, pictures, times = [samples_of(scene) for scene in scenes], [[] for _ in scenes], [[] for _ in scenes]
+    for run in range(RUNS):
+        for k, scene in enumerate(scenes):
+            picture, seconds = rendered(scene, samples[k], 10 + run)
+            pictures[k].append(picture)
+            times[k].append(seconds)
+    for spp, own, seconds in zip(samples, pictures, times):
+        values = np.stack(own).astype(np.float64)
+        yield spp, float(np.median(seconds)), values.var(0, ddof=1).mean(), values.mean()
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=pathlib.Path, required=True, help="the folder with scenes/ and envmaps/")
-    parser.add_argument("--out", type=pathlib.Path, required=True, help="the CSV file to write")
     parser.add_argument("--threads", type=int, default=2)
     settings = parser.parse_args()
     dr.set_thread_count(settings.threads)
@@ -100,18 +108,21 @@ def main():
     for view, has_lamps in [(view, False) for view in views.VIEWS] + [(views.VIEWS[0], True)]:
         opened, map = views.opened(view, settings.data), settings.data / "envmaps" / f"{view.map}.hdr"
         for material in view.materials:
-            products = {}
-            for integrator, samples in itertools.product(("direct", "headtail_direct"), SAMPLES):
-                scene = scene_of(opened, map, views.MATERIALS[material], has_lamps, integrator, samples)
-                spp, seconds, variance, mean = measured(scene)
-                products.setdefault(integrator, []).append(variance * seconds)
-                numbers = f"{seconds:.3f}", f"{variance:.5g}", f"{mean:.5g}"
-                rows.append((view.name, material, int(has_lamps), integrator, samples, spp, *numbers))
-            ratio = min(products["direct"]) / min(products["headtail_direct"])
-            print(f"{view.name}, {material}, {'with' if has_lamps else 'without'} lamps: {ratio:.2f}", flush=True)
-            with tempfile.NamedTemporaryFile("w", dir=settings.out.parent, newline="", delete=False) as file:
-                csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
-            os.replace(file.name, settings.out)
+            picture = f"{view.name}, {material}{', three lamps' if has_lamps else ''}"
+            kinds = list(itertools.product(("direct", "headtail_direct"), SAMPLES))
+            scenes = [scene_of(opened, map, views.MATERIALS[material], has_lamps, *kind) for kind in kinds]
+            forms = []
+            for (integrator, samples), (spp, seconds, variance, mean) in zip(kinds, measured(scenes)):
+                forms.append({
+                    "picture": picture, "integrator": f"{integrator}, {samples} per hit", "spp": spp, "seconds": seconds,
+                    "variance": variance, "mean": mean, "version": mi.__version__, "threads": settings.threads,
+                })  # fmt: skip
+            best = min(form["variance"] * form["seconds"] for form in forms if form["integrator"].startswith("direct"))
+            for form in forms:
+                form["ratio"] = best / (form["variance"] * form["seconds"])
+                print(picture, form["integrator"], f"{form['ratio']:.2f}", file=sys.stderr, flush=True)
+            rows += forms
+    print(json.dumps(rows, indent=1))
 
 
 main()

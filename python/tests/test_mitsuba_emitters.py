@@ -68,6 +68,22 @@ def test_lamps_without_area_and_mirrors_match(colours):
         assert agree(own, theirs) if material == "glossy" else abs(ratio - 1) < 0.04, f"{material} {ratio}"
 
 
+def test_sampling_weights_can_change_and_vanish(colours):
+    theirs = runs(scene("diffuse", integrator("path"), bulb=lamps()["bulb"], first=lamps()["first"]), 0)
+    own = scene("diffuse", integrator("headtail_path"), bulb=lamps()["bulb"], first=lamps()["first"])
+    mi.render(own, spp=1)
+    parameters = mi.traverse(own)
+    keys = [key for key in parameters.keys() if key.endswith("emitter.sampling_weight")]
+    assert len(keys) == 2
+    for weights in ((0.2, 2.0), (0.0, 0.0)):
+        for key, weight in zip(keys, weights):
+            parameters[key] = weight
+        parameters.update()
+        again = runs(own, 100)
+        # By the BSDF alone, lamps are noisy.
+        assert agree(again, theirs) if any(weights) else abs(again.mean() / theirs.mean() - 1) < 0.02
+
+
 def test_a_missing_lamp_is_detected(colours):
     own = runs(scene("diffuse", integrator("headtail_direct"), **{**lamps(), "first": lamps()["third"]}), 100)
     assert not agree(own, runs(scene("diffuse", integrator("direct"), **lamps()), 0))
@@ -88,6 +104,8 @@ def test_several_samples_per_hit_have_the_mean_and_less_noise(colours):
 def test_media_are_rendered_by_volpath(colours, capfd):
     medium = {"type": "homogeneous", "albedo": 0.8, "sigma_t": 0.6}
     fog = {"fog": {"type": "cube", "to_world": mi.ScalarTransform4f().translate([0, 1, 0]), "bsdf": {"type": "null"}, "interior": medium}}
+    mi.render(scene("diffuse", integrator("headtail_path")), spp=1)
+    assert "volpath" not in "".join(capfd.readouterr())
     own = runs(scene("diffuse", integrator("headtail_path"), **fog), 100)
     assert "rendered by Mitsuba's volpath" in "".join(capfd.readouterr())
     assert agree(own, runs(scene("diffuse", integrator("volpath", max_depth=4), **fog), 0))

@@ -11,11 +11,6 @@ def power_heuristic(own, other):
     return dr.select(own > 0, own / (own + other), 0)
 
 
-def is_smooth(bsdf, active):
-    """Returns where a BSDF has lobes with a density."""
-    return active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
-
-
 def attached(bsdf, si, wi, drawn, weight, active):
     """Returns the weight of a BSDF sample in the detached direction `wi`, with derivatives of the BSDF and the
     cosine. Delta lobes keep the weight of their sample."""
@@ -37,7 +32,8 @@ class Emitters:
         chosen = [index for index, emitter in enumerate(scene.emitters()) if not emitter.is_environment()]
         emitters = [scene.emitters()[index] for index in chosen]
         weights = np.array([emitter.sampling_weight() for emitter in emitters], np.float32)
-        self.indices, self.distribution = mi.UInt32(chosen), mi.DiscreteDistribution(weights)
+        # Without weights, emitters are met by BSDF samples alone.
+        self.indices, self.distribution = mi.UInt32(chosen), mi.DiscreteDistribution(weights) if weights.any() else None
         self.are_surfaces = any(mi.has_flag(emitter.flags(), mi.EmitterFlags.Surface) for emitter in emitters)
 
     @staticmethod
@@ -47,7 +43,9 @@ class Emitters:
 
     def sampled(self, scene, sampler, si, bsdf, active):
         """Samples an emitter and a direction towards it: reflected light, weighted for MIS with BSDF samples."""
-        active = is_smooth(bsdf, active)
+        if self.distribution is None:
+            return mi.Spectrum(0)
+        active = active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         u = sampler.next_2d(active)
         chosen, u.x, probability = self.distribution.sample_reuse_pmf(u.x, active)
         index = dr.gather(mi.UInt32, self.indices, chosen, active)
@@ -75,8 +73,10 @@ class Emitters:
         active = active & (emitter != None)  # noqa: E711: compares each lane
         ds = dr.detach(mi.DirectionSample3f(scene, si, previous))
         compared = active & ~is_delta
-        probability = emitter.sampling_weight() * self.distribution.normalization()
-        by_emitter = dr.select(compared, emitter.pdf_direction(dr.detach(previous), ds, compared) * probability, 0)
+        by_emitter = mi.Float(0)
+        if self.distribution is not None:
+            probability = emitter.sampling_weight() * self.distribution.normalization()
+            by_emitter = dr.select(compared, emitter.pdf_direction(dr.detach(previous), ds, compared) * probability, 0)
         weight = dr.select(is_delta, 1, power_heuristic(pdf, by_emitter))
         return dr.select(active, emitter.eval(si, active) * dr.detach(weight), 0)
 
@@ -93,9 +93,9 @@ class Emitters:
         active = active & (dr.max(weight) > 0)
         weight = attached(bsdf, si, wi, drawn, weight, active)
         met = scene.ray_intersect(dr.detach(si).spawn_ray(wi), active)
+        active &= met.is_valid()
         is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
-        met_active = active & met.is_valid()
-        return dr.select(met_active, weight * self.seen(scene, met, mi.Interaction3f(si), dr.detach(drawn.pdf), is_delta, met_active), 0)
+        return weight * self.seen(scene, met, mi.Interaction3f(si), dr.detach(drawn.pdf), is_delta, active)
 
     @staticmethod
     def emitted(scene, si, active):

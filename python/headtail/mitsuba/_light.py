@@ -43,8 +43,8 @@ def unpadded(data):
 
 
 class State:
-    """The inputs of a sampler: texels, scale and orientation of the map, as indices of Dr.Jit variables, so
-    that nothing is evaluated."""
+    """The inputs of samplers: texels, scale and orientation of the map, as indices of Dr.Jit variables, so
+    that nothing is evaluated; and the sampling weights of emitters."""
 
     def __init__(self, scene):
         self.scene, self.environment = scene, scene.environment()
@@ -52,6 +52,7 @@ class State:
         # References keep the indices from being reused, and make in-place writes create new variables.
         self.kept = [parameters[name] for name in ("data", "scale", "to_world") if name in parameters]
         self.numbers = [number for value in self.kept for number in numbers(value)]
+        self.numbers += [float(emitter.sampling_weight()) for emitter in scene.emitters()]
 
     def is_of(self, other):
         """Returns whether a sampler for `self` is valid for `other`."""
@@ -195,7 +196,8 @@ class Light:
         return [first, (wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active)]
 
     def reflected(self, scene, sampler, ray, si, bsdf, prepared, hit, misses):
-        """Returns an estimate of the environment's light reflected at hits, and that along the rays of `misses`."""
+        """Returns an estimate of the environment's light reflected at hits, and its light along the rays of
+        `misses`."""
         result, origin = mi.Spectrum(0), dr.detach(si)
         for index, (wi, ratio, lit) in enumerate(self.estimate(sampler, si, bsdf, prepared, hit)):
             # A new array: in-place changes would also affect the caller's.
