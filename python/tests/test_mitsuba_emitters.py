@@ -1,10 +1,10 @@
 """Scenes with emitters beside the environment, media, AOVs and derivatives: the integrators agree with Mitsuba's own."""
 
-import drjit as dr
 import numpy as np
 import pytest
 
 mi = pytest.importorskip("mitsuba")
+dr = pytest.importorskip("drjit")
 
 from pictures import agree, integrator, runs, scene  # noqa: E402
 
