@@ -25,23 +25,17 @@ sys.path.insert(0, str(ROOT / "benches" / "peers" / "renderers"))
 mi.set_variant("llvm_ad_rgb")
 import headtail.mitsuba  # noqa: E402, F401
 import views  # noqa: E402
+from mitsuba_renderer import mesh_of  # noqa: E402
 
 RUNS, SECONDS = 6, 1.0
 WIDTH, HEIGHT = 256, 192
 SAMPLES = (1, 4)
 
 
-def mesh_of(vertices, faces, alpha):
-    kind = {"type": "diffuse"} if alpha is None else {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": alpha}
-    properties = mi.Properties()
-    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": kind})
-    properties["face_normals"] = True
-    mesh = mi.Mesh("mesh", len(vertices), len(faces), props=properties)
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
-    parameters.update()
-    return mesh
+def bsdf_of(alpha):
+    if alpha is None:
+        return {"type": "diffuse"}
+    return {"type": "roughconductor", "material": "none", "distribution": "ggx", "alpha": alpha}
 
 
 def lamps_above(look_from, look_at):
@@ -66,7 +60,7 @@ def scene_of(opened, map, alpha, has_lamps, integrator, samples):
             "sampler": {"type": "multijitter"},
         },
         "map": {"type": "envmap", "filename": str(map), "mis_compensation": integrator == "direct"},
-        "mesh": mesh_of(vertices, faces, alpha), **lamps,
+        "mesh": mesh_of(vertices, faces, bsdf_of(alpha)), **lamps,
     })  # fmt: skip
 
 

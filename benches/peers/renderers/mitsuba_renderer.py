@@ -33,14 +33,7 @@ class Renderer:
         depth = picture.depth + 1
         direct = {"type": "direct", "shading_samples": pairs}
         integrator = direct if picture.depth == 1 else {"type": "path", "max_depth": depth}
-        properties = mi.Properties()
-        properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": material(picture.alpha)})
-        properties["face_normals"] = True
-        mesh = mi.Mesh("mesh", len(picture.vertices), len(picture.faces), props=properties)
-        parameters = mi.traverse(mesh)
-        parameters["vertex_positions"] = picture.vertices.astype(np.float32).ravel()
-        parameters["faces"] = picture.faces.astype(np.uint32).ravel()
-        parameters.update()
+        mesh = mesh_of(picture.vertices, picture.faces, material(picture.alpha))
         look = mi.ScalarTransform4f().look_at(origin=picture.look_from, target=picture.look_at, up=[0, 1, 0])
         film = {"type": "hdrfilm", "width": picture.width, "height": picture.height, "rfilter": {"type": "box"}}
         self.scene = mi.load_dict({
@@ -64,6 +57,19 @@ class Renderer:
         start = time.perf_counter()
         image = np.array(mi.render(self.scene, spp=samples, seed=seed))
         return image[..., :3].astype(np.float64), time.perf_counter() - start, 0.0
+
+
+def mesh_of(vertices, faces, bsdf):
+    """Returns a mesh of flat triangles with a two-sided BSDF."""
+    properties = mi.Properties()
+    properties["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": bsdf})
+    properties["face_normals"] = True
+    mesh = mi.Mesh("mesh", len(vertices), len(faces), props=properties)
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = vertices.astype(np.float32).ravel()
+    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters.update()
+    return mesh
 
 
 def material(alpha):

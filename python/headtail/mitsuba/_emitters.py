@@ -69,16 +69,16 @@ class Emitters:
     def seen(self, scene, si, previous, pdf, is_delta, active):
         """Returns the light that a hit emits towards `previous`, weighted for MIS, where `pdf` is that of the BSDF
         sample that led to the hit."""
-        emitter = si.emitter(scene, active)
-        active = active & (emitter != None)  # noqa: E711: compares each lane
-        ds = dr.detach(mi.DirectionSample3f(scene, si, previous))
-        compared = active & ~is_delta
-        by_emitter = mi.Float(0)
+        emitted, by_emitter = self.emitted(scene, si, active), mi.Float(0)
         if self.distribution is not None:
-            probability = emitter.sampling_weight() * self.distribution.normalization()
-            by_emitter = dr.select(compared, emitter.pdf_direction(dr.detach(previous), ds, compared) * probability, 0)
+            ds = dr.detach(mi.DirectionSample3f(scene, si, previous))
+            compared = active & ~is_delta & (ds.emitter != None)  # noqa: E711: compares each lane
+            probability = ds.emitter.sampling_weight() * self.distribution.normalization()
+            by_emitter = ds.emitter.pdf_direction(dr.detach(previous), ds, compared) * probability
+            by_emitter = dr.select(compared, by_emitter, 0)
         weight = dr.select(is_delta, 1, power_heuristic(pdf, by_emitter))
-        return dr.select(active, emitter.eval(si, active) * dr.detach(weight), 0)
+        is_lit = active & (si.emitter(scene, active) != None)  # noqa: E711: compares each lane
+        return dr.select(is_lit, emitted * dr.detach(weight), 0)
 
     def reflected(self, scene, sampler, si, bsdf, active):
         """Returns an estimate of the emitters' light reflected at hits."""
@@ -99,7 +99,7 @@ class Emitters:
 
     @staticmethod
     def emitted(scene, si, active):
-        """Returns the light that hits emit towards the camera."""
+        """Returns the light that hits emit."""
         emitter = si.emitter(scene, active)
-        active = active & (emitter != None)  # noqa: E711
+        active = active & (emitter != None)  # noqa: E711: compares each lane
         return dr.select(active, emitter.eval(si, active), 0)
