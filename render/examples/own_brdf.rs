@@ -4,15 +4,8 @@ use std::{f32::consts::PI, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec3A, Vec3Swizzles};
 use headtail_render::{
-    Result,
-    brdf::{BrdfTable, Kernel, Lambert, Lobes, MAX_PARAMETERS, OfKernel, Surface},
-    columns::Arena,
-    environment::Environment,
-    estimator::{Contributions, Estimator},
-    frame::Frame,
-    points::{PointSet, Points},
-    spec::SamplerSpec,
-    tile::{ShadingPoint, Tile},
+    Arena, BrdfTable, Contributions, Environment, Estimator, Frame, Kernel, Lambert, Lobes, MAX_PARAMETERS, OfKernel,
+    PointSet, Points, Result, SamplerSpec, ShadingPoint, Surface, Tile,
 };
 
 /// The modified Phong BRDF (Lafortune and Willems 1994): diffuse, plus a power of the cosine to the mirrored

@@ -1,8 +1,7 @@
 //! A custom sampler: `cargo run --release -p headtail-render --example own_sampler` prints three equal means.
 
 use glam::{Vec2, Vec3, Vec3A};
-use headtail_render::{Result, points::*, sampler::*};
-use headtail_render::{brdf::*, color::luminance, columns::Arena, environment::*, estimator::*, simd::Lanes, tile::*};
+use headtail_render::*;
 use std::{f32::consts::PI, sync::Arc};
 
 /// Samples half of the directions uniformly over the sphere, half in proportion to the cosine to +Y.

@@ -21,8 +21,5 @@ pub mod portals;
 pub mod scene;
 pub mod statistics;
 
-pub use headtail_sampling::{
-    Error, Result, bake, batch, brdf, color, columns, discrete, environment, error, estimator, export, file, flat,
-    frame, head, large, latlong, memory, morton, one_point, patches, path_text, points, random, remark, rival, sampler,
-    simd, spec, spline, tail, tensor_file, tile, timings, visibility,
-};
+#[doc(no_inline)]
+pub use headtail_sampling::*;

@@ -23,7 +23,7 @@ fn at_origin() -> Camera {
 }
 
 fn settings(side: usize, spp: u32) -> Settings {
-    Settings { width: side, height: side, spp, depth: 1, seed: 5, mask_only: true, without_object: false }
+    Settings { width: side, height: side, spp, depth: 1, seed: 5, mask_only: true }
 }
 
 fn grey(width: usize, height: usize, value: f32) -> Photograph {
@@ -204,23 +204,6 @@ fn self_shadowing_of_a_mesh_is_excluded() {
         let (mean, error) = mean(&Mask::of(&film, form), 1);
         assert!((mean - expected.y).abs() < 4.5 * error + 5e-4, "{form}: {mean} +- {error}, not {}", expected.y);
     }
-}
-
-#[test]
-fn a_second_pass_gives_the_same_mask() {
-    let environment = Arc::new(built_in("window").unwrap());
-    let [with, without] = [false, true].map(|without_object| {
-        film(
-            &environment,
-            "patches",
-            Settings { without_object, seed: 8 + u64::from(without_object), ..settings(64, 64) },
-        )
-    });
-    let (two, error) = mean(&Mask::of_two(&with, &without), 1);
-    let expected = truth(&environment).y;
-    // The quotient's bias is of the order of the relative variance of the second pass, below 1e-3 at 64
-    // samples.
-    assert!((two - expected).abs() < 4.5 * error + 1.1e-3, "{two} +- {error}, not {expected}");
 }
 
 /// A white object on white ground under a white sky: shadows and reflected light cancel, and everything is as

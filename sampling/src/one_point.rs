@@ -22,13 +22,20 @@ pub struct OnePoint {
 }
 
 impl OnePoint {
-    /// Makes a tile of `copies` copies of a point with an analytic BRDF.
+    /// Makes a tile of `copies` copies of a point with an analytic BRDF; lists are processed in parts of this length.
+    ///
+    /// # Panics
+    /// As [`Self::of_table`].
     pub fn new(at: &ShadingPoint, copies: usize) -> Self {
         Self::of_table(at, copies, &BrdfTable::default())
     }
 
     /// Makes a tile of `copies` copies of a point with a BRDF of a table.
+    ///
+    /// # Panics
+    /// If there are no copies or more than [`MAX_POINTS`](crate::tile::MAX_POINTS), or the table does not have the BRDF.
     pub fn of_table(at: &ShadingPoint, copies: usize, brdfs: &BrdfTable) -> Self {
+        assert!(copies > 0, "a point needs a copy");
         Self { tile: Tile::of_table(&vec![*at; copies], brdfs), arena: Arena::default() }
     }
 

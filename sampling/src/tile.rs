@@ -61,7 +61,7 @@ impl Tile {
     /// Makes a tile of points with the analytic BRDFs; keys are the points' indices.
     ///
     /// # Panics
-    /// If there are more than [`MAX_POINTS`].
+    /// If there are more than [`MAX_POINTS`], or a BRDF is not an analytic one.
     pub fn of(points: &[ShadingPoint]) -> Self {
         Self::of_table(points, &BrdfTable::default())
     }
@@ -69,7 +69,7 @@ impl Tile {
     /// [`Self::of`] with the BRDFs of a table.
     ///
     /// # Panics
-    /// If there are more than [`MAX_POINTS`].
+    /// If there are more than [`MAX_POINTS`], or the table does not have a BRDF.
     pub fn of_table(points: &[ShadingPoint], brdfs: &BrdfTable) -> Self {
         let mut tile = Self::default();
         tile.clear(brdfs);
@@ -91,7 +91,7 @@ impl Tile {
     /// Adds a point with its key.
     ///
     /// # Panics
-    /// If there are [`MAX_POINTS`] already.
+    /// If there are [`MAX_POINTS`] already, or the table does not have the point's BRDF.
     pub fn push(&mut self, point: &ShadingPoint, key: u32) {
         assert!(self.len < MAX_POINTS, "a tile is full");
         let (strip, lane) = (self.len / LANES, self.len % LANES);

@@ -18,7 +18,7 @@ use headtail_sampling::{
     head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
-    sampler::{EnvironmentLight, Sampler},
+    sampler::{EnvironmentLight, Sampler, prepared},
     simd::LANES,
     spline::logit_count,
     tail::{Tail, TailKind, WarpMap},
@@ -98,7 +98,8 @@ fn compare_mixture_weights(name: &str, sampler: &dyn Sampler, answers: &[Answer]
     for (points, answers) in points.chunks(1024).zip(answers.chunks(1024)) {
         let (tile, arena) = (Tile::of(points), Arena::default());
         let mut mixture_weights = vec![[0.0; LANES]; tile.rows().strips()];
-        sampler.mixture_weight(&tile.rows(), &mut mixture_weights, &arena);
+        let rows = tile.rows();
+        prepared(sampler, &rows, &arena, |state| sampler.mixture_weight(&rows, state, &mut mixture_weights, &arena));
         for (answer, mixture_weight) in answers.iter().zip(mixture_weights.as_flattened()) {
             let difference = (answer.mixture_weight - mixture_weight).abs();
             far += usize::from(difference > TOLERANCE);

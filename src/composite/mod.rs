@@ -52,7 +52,6 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         depth: arguments.depth,
         seed: arguments.seed,
         mask_only: false,
-        without_object: false,
     };
     announce(composition, settings);
     let bar = progress::bar(progress::FRACTION_UNITS, "compositing");

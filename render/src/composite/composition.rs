@@ -31,6 +31,4 @@ pub struct Settings {
     pub seed: u64,
     /// Compute only the mask, without light on the object.
     pub mask_only: bool,
-    /// Omit the object, for the second pass of [`Mask::of_two`](super::Mask::of_two).
-    pub without_object: bool,
 }

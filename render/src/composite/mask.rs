@@ -107,18 +107,6 @@ impl Mask {
     pub fn grey(&self) -> Self {
         Self { values: self.values.iter().map(|value| [value[3]; 4]).collect(), ..*self }
     }
-
-    /// Computes the mask from two passes of the same camera, with and without the object, as the quotient of
-    /// their sums.
-    pub fn of_two(with: &Film, without: &Film) -> Self {
-        let quotient = |(a, b): (&CatcherSums, &CatcherSums)| {
-            if a.hits == 0 || b.hits == 0 {
-                return [1.0; 4];
-            }
-            ratio(a.visible / f64::from(a.hits), b.all / f64::from(b.hits)).as_vec4().to_array()
-        };
-        Self { width: with.width, values: with.catcher.iter().zip(&without.catcher).map(quotient).collect() }
-    }
 }
 
 /// Returns `visible / all`; 1 where no light could be shadowed.

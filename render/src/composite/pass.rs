@@ -13,7 +13,7 @@ use super::{
     worker::{Sums, Worker, Workspace},
 };
 use crate::{
-    estimator::{Estimator, ViewGeometry, VisibilityTrainer},
+    estimator::{Estimator, LearningSession, ViewGeometry},
     integrator::{MAX_SIDE, Part, TrainingPass, tiles::Tiles},
     points::{PointSet, Points},
 };
@@ -24,7 +24,7 @@ const PASS: u32 = 8;
 /// Sums all samples, or those of the passes until `stop` is set (at least one pass). `progress` receives the
 /// completed fraction after every pass. Equal settings give equal films on any number of threads.
 ///
-/// Estimators with a trainer train first, on 1/64 as many samples from separate points: the sampling density
+/// Estimators with a session train first, on 1/64 as many samples from separate points: the sampling density
 /// does not depend on the film's samples, and the mask stays unbiased.
 ///
 /// # Panics
@@ -34,9 +34,9 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
     assert!(side <= MAX_SIDE, "an image of more pixels along a side than can be numbered");
     let start = Instant::now();
     composition.stage.all.prepare_materials();
-    let trainer = learn(composition, settings, stop);
-    let estimator = trainer.as_deref().map_or(composition.estimator, |trainer| trainer as &dyn Estimator);
-    let run = Run { composition: Composition { estimator, ..composition }, settings, trainer: None };
+    let session = learn(composition, settings, stop);
+    let estimator = session.as_ref().map_or(composition.estimator, |session| session as &dyn Estimator);
+    let run = Run { composition: Composition { estimator, ..composition }, settings, session: None };
     let points = Points::new(PointSet::Sobol, settings.seed);
     let total = settings.spp.max(1);
     let mut film = Film::new(settings.width, settings.height);
@@ -61,26 +61,22 @@ pub fn compose(composition: Composition<'_>, settings: Settings, stop: &AtomicBo
 }
 
 /// Trains the estimator on the visibility of the stage, with samples that are discarded; `None` if it has no
-/// trainer.
-fn learn<'a>(
-    composition: Composition<'a>,
-    settings: Settings,
-    stop: &AtomicBool,
-) -> Option<Box<dyn VisibilityTrainer + 'a>> {
+/// session.
+fn learn<'a>(composition: Composition<'a>, settings: Settings, stop: &AtomicBool) -> Option<LearningSession<'a>> {
     let Settings { width, height, spp, seed, .. } = settings;
     let camera = composition.camera;
     let view = ViewGeometry { eye: camera.look_from(), pixel: camera.pixel_spread(height), pixels: width * height };
-    let mut trainer = composition.estimator.trainer(view)?;
-    TrainingPass::before(spp, 0).in_parts(&mut *trainer, |pass, trainer| {
+    let mut session = composition.estimator.learning_session(view)?;
+    TrainingPass::before(spp, 0).in_parts(&mut session, |pass, session| {
         let mut tiles = settings.tiles(|key| pass.includes(key));
-        pass.train(trainer, seed, stop, |trainer, points, sample| {
-            let composition = Composition { estimator: trainer, ..composition };
-            let run = Run { composition, settings: Settings { depth: 1, ..settings }, trainer: Some(trainer) };
+        pass.train(session, seed, stop, |session, points, sample| {
+            let composition = Composition { estimator: session, ..composition };
+            let run = Run { composition, settings: Settings { depth: 1, ..settings }, session: Some(session) };
             run.add(&mut tiles, points, sample..sample + 1);
         });
     });
-    trainer.finish();
-    Some(trainer)
+    session.finish();
+    Some(session)
 }
 
 impl Settings {
@@ -95,19 +91,19 @@ impl Settings {
 struct Run<'a> {
     composition: Composition<'a>,
     settings: Settings,
-    trainer: Option<&'a dyn VisibilityTrainer>,
+    session: Option<&'a LearningSession<'a>>,
 }
 
 impl Run<'_> {
     /// Adds samples to all tiles.
     fn add(self, tiles: &mut Tiles<Sums>, points: Points, samples: Range<u32>) {
-        let Self { composition, settings, trainer } = self;
+        let Self { composition, settings, session } = self;
         thread_local! {
             static WORKSPACE: RefCell<Workspace> = RefCell::default();
         }
         tiles.par_for_each(|pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
-                let mut worker = Worker { composition, settings, trainer, points, workspace, pixels };
+                let mut worker = Worker { composition, settings, session, points, workspace, pixels };
                 for sample in samples.clone() {
                     worker.points = points.at_sample(sample);
                     worker.sample();

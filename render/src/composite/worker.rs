@@ -12,7 +12,7 @@ use crate::{
     brdf::Lambert,
     color::luminance,
     columns::Arena,
-    estimator::{Contributions, VisibilityTrainer},
+    estimator::{Contributions, LearningSession},
     integrator::{
         path::{BOUNCE_SPREAD, bounce, camera_rays, key_of, shadow_rays},
         tiles::TilePixels,
@@ -83,7 +83,7 @@ pub(super) struct Worker<'a> {
     pub composition: Composition<'a>,
     pub settings: Settings,
     /// Receives the visibility of contributions.
-    pub trainer: Option<&'a dyn VisibilityTrainer>,
+    pub session: Option<&'a LearningSession<'a>>,
     pub points: Points,
     pub workspace: &'a mut Workspace,
     pub pixels: TilePixels<'a, Sums>,
@@ -132,9 +132,9 @@ impl Worker<'_> {
     /// Fills both fronts with the hits of rays. Light between points of the catcher is omitted, since the
     /// photograph contains it.
     fn meet(&mut self, kind: RayKind, rays: &[Ray], spread: f32, keys: &[u32], paths: &[Path]) {
-        let Self { composition, settings, workspace, .. } = self;
+        let Self { composition, workspace, .. } = self;
         let stage = composition.stage;
-        let scene = if settings.without_object { &stage.catcher } else { &stage.all };
+        let scene = &stage.all;
         let mut hits = vec![None; rays.len()];
         scene.closest_batch(kind, rays, &mut hits);
         for front in [&mut workspace.object, &mut workspace.catcher] {
@@ -145,7 +145,7 @@ impl Worker<'_> {
             let Some(hit) = hit else { continue };
             let (ray, path) = (&rays[index], paths[index]);
             let point = scene.surface(ray, hit, spread);
-            if !(settings.without_object || stage.is_catcher(hit)) {
+            if !stage.is_catcher(hit) {
                 workspace.object.push(&point, keys[index], path);
             } else if stage.faces(&point) && !path.from_catcher {
                 let white = ShadingPoint { surface: Lambert { albedo: Vec3::ONE }.into(), ..point };
@@ -185,7 +185,7 @@ impl Worker<'_> {
 
     /// Finds the contributions to the catcher that are visible, and those that are open without the object.
     fn test_shadow(&mut self) {
-        let Self { composition, settings, workspace, .. } = self;
+        let Self { composition, workspace, .. } = self;
         let Workspace { catcher, contributions, visible, open, rays, .. } = &mut **workspace;
         let stage = composition.stage;
         shadow_rays(&stage.all, &catcher.tile, contributions, rays);
@@ -196,9 +196,7 @@ impl Worker<'_> {
         }
         visible.clear();
         visible.resize(rays.len(), true);
-        if !settings.without_object {
-            stage.object.visible_batch(rays, visible);
-        }
+        stage.object.visible_batch(rays, visible);
         // Below the horizon, a map shows nearby ground: nothing casts a shadow upwards.
         for ((visible, open), wi) in visible.iter_mut().zip(&*open).zip(contributions.wi()) {
             *visible = (*visible || wi.y <= 0.0) && *open;
@@ -214,14 +212,14 @@ impl Worker<'_> {
         }
     }
 
-    /// Passes the visibility of the contributions to the trainer.
+    /// Passes the visibility of the contributions to the session.
     fn tell(&self, which: Which) {
         let Workspace { object, catcher, contributions, visible, .. } = &*self.workspace;
         let front = if which == Which::Object { object } else { catcher };
-        if let Some(trainer) = self.trainer
+        if let Some(session) = self.session
             && !front.tile.is_empty()
         {
-            trainer.observe(&front.tile.rows(), contributions, visible);
+            session.observe(&front.tile.rows(), contributions, visible);
         }
     }
 

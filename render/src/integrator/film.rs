@@ -11,7 +11,7 @@ use super::{
     wavefront::{Estimate, Pixel, Workspace},
 };
 use crate::{
-    estimator::{Estimator, VisibilityTrainer},
+    estimator::{Estimator, LearningSession},
     image::Image,
     points::{PointSet, Points},
     timings::flush,
@@ -21,7 +21,7 @@ use crate::{
 pub(super) struct Pass<'a> {
     pub estimator: &'a dyn Estimator,
     /// Receives the visibility of contributions.
-    pub trainer: Option<&'a dyn VisibilityTrainer>,
+    pub session: Option<&'a LearningSession<'a>>,
     pub points: Points,
     /// First sample and end of the range.
     pub samples: (u32, u32),
@@ -50,7 +50,7 @@ impl Film {
         }
         self.tiles.par_for_each(|mut pixels| {
             WORKSPACE.with_borrow_mut(|workspace| {
-                let estimate = Estimate { estimator: pass.estimator, trainer: pass.trainer };
+                let estimate = Estimate { estimator: pass.estimator, session: pass.session };
                 for sample in pass.samples.0..pass.samples.1 {
                     workspace.sample(view, estimate, pass.points.at_sample(sample), &mut pixels);
                 }

@@ -11,7 +11,7 @@ use super::{
     view::{Part, View},
 };
 use crate::{
-    estimator::{LearnedVisibility, ViewGeometry, VisibilityTrainer},
+    estimator::{LearnedVisibility, LearningSession, ViewGeometry},
     points::{PointSet, Points},
     visibility::{CacheSize, FlatVisibility, SceneVisibility},
 };
@@ -55,14 +55,14 @@ impl TrainingPass {
     /// Runs the pass in up to four parts and stops early when the predicted gain is too small.
     pub(crate) fn in_parts(
         self,
-        trainer: &mut dyn VisibilityTrainer,
-        mut run: impl FnMut(Self, &mut dyn VisibilityTrainer),
+        session: &mut LearningSession<'_>,
+        mut run: impl FnMut(Self, &mut LearningSession<'_>),
     ) {
         let (first, end) = self.pixels;
         for part in self.parts() {
-            run(part, trainer);
+            run(part, session);
             let done = part.pixels.1 - first;
-            if part.pixels.1 == end || !trainer.could_pay(f64::from(end - first) / f64::from(done)) {
+            if part.pixels.1 == end || !session.could_pay(f64::from(end - first) / f64::from(done)) {
                 break;
             }
         }
@@ -88,33 +88,33 @@ impl TrainingPass {
     /// number.
     pub(crate) fn train(
         self,
-        trainer: &mut dyn VisibilityTrainer,
+        session: &mut LearningSession<'_>,
         seed: u64,
         stop: &AtomicBool,
-        mut observe: impl FnMut(&dyn VisibilityTrainer, Points, u32),
+        mut observe: impl FnMut(&LearningSession<'_>, Points, u32),
     ) {
         let points = Points::new(PointSet::Independent, seed);
-        trainer.explore(true);
+        session.explore(true);
         for sample in 0..self.samples {
-            observe(&*trainer, points, FIRST_SAMPLE + self.first + sample);
+            observe(&*session, points, FIRST_SAMPLE + self.first + sample);
             let count = sample + 1;
             let is_last = count == self.samples || stop.load(Ordering::Relaxed);
             if is_last {
-                trainer.learn();
+                session.learn();
                 break;
             }
             if count.is_power_of_two() {
-                trainer.settle();
+                session.settle();
             }
         }
-        trainer.explore(false);
+        session.explore(false);
     }
 }
 
 /// Trains for a part of a picture, in a fraction of its budget.
 pub(super) fn learn_before(
     view: (&View<'_>, Part),
-    trainer: &mut dyn VisibilityTrainer,
+    session: &mut LearningSession<'_>,
     budget: Budget,
     seed: u64,
     stop: &AtomicBool,
@@ -123,21 +123,21 @@ pub(super) fn learn_before(
     match budget {
         Budget::Spp(spp) => {
             TrainingPass::before(spp, 0)
-                .in_parts(trainer, |part, trainer| learn(view, trainer, part, seed, stop, &show));
+                .in_parts(session, |part, session| learn(view, session, part, seed, stop, &show));
         }
         Budget::Time(limit) => {
             let start = Instant::now();
             let first = TrainingPass::before(1, 0);
-            learn(view, trainer, first, seed, stop, &show);
+            learn(view, session, first, seed, stop, &show);
             let sample = start.elapsed() * BLOCK / (PRICE * first.pixels.1);
             let samples = limit.as_secs_f64() / sample.max(Duration::from_nanos(1)).as_secs_f64();
             let rest = TrainingPass::before(samples as u32, first.samples);
             if rest.pixels.1 > 1 {
-                rest.in_parts(trainer, |part, trainer| learn(view, trainer, part, seed, stop, &show));
+                rest.in_parts(session, |part, session| learn(view, session, part, seed, stop, &show));
             }
         }
     }
-    trainer.finish();
+    session.finish();
 }
 
 /// Trains visibility for a part of a picture as [`render_part`](super::render_part) does before the first sample, for
@@ -157,15 +157,15 @@ pub fn learn_weights(
 
 fn learn(
     (view, part): (&View<'_>, Part),
-    trainer: &mut dyn VisibilityTrainer,
+    session: &mut LearningSession<'_>,
     pass: TrainingPass,
     seed: u64,
     stop: &AtomicBool,
     progress: &dyn Fn(f64),
 ) {
     let mut film = Film::of(part, |key| pass.includes(key));
-    pass.train(trainer, seed, stop, |trainer, points, sample| {
-        film.add(view, &Pass { estimator: trainer, trainer: Some(trainer), points, samples: (sample, sample + 1) });
+    pass.train(session, seed, stop, |session, points, sample| {
+        film.add(view, &Pass { estimator: session, session: Some(session), points, samples: (sample, sample + 1) });
         progress(f64::from(sample + 1 - FIRST_SAMPLE - pass.first) / f64::from(pass.samples));
     });
 }

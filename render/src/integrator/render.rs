@@ -26,7 +26,7 @@ pub const MAX_SIDE: usize = u16::MAX as usize;
 ///
 /// `progress` is called after every pass with the fraction of the budget that is spent. Equal `points` (kind
 /// and seed) and equal numbers of samples give equal bytes, on any number of threads and for either kind of
-/// budget. Estimators with a trainer first train on other points, in a small fraction of the budget. Their
+/// budget. Estimators that learn first train on other points, in a small fraction of the budget. Their
 /// pictures also depend on the amount of training, which varies between runs with a budget in time.
 ///
 /// # Panics
@@ -69,17 +69,17 @@ pub fn render_part(
     let budget = if budget == Budget::Spp(0) { Budget::Spp(1) } else { budget };
     let pass = if matches!(budget, Budget::Spp(_)) { PASS } else { SHORT_PASS };
     let mut film = Film::new(part);
-    let mut trainer = estimator.trainer(view_geometry(&view, part));
-    if let Some(trainer) = &mut trainer {
-        learn_before((&view, part), &mut **trainer, budget, points.seed(), stop);
+    let mut session = estimator.learning_session(view_geometry(&view, part));
+    if let Some(session) = &mut session {
+        learn_before((&view, part), session, budget, points.seed(), stop);
     }
-    let estimator = trainer.as_ref().map_or(estimator, |trainer| &**trainer as &dyn Estimator);
+    let estimator = session.as_ref().map_or(estimator, |session| session as &dyn Estimator);
     let mut points = if let Budget::Spp(spp) = budget { points.planned(spp) } else { points };
     let prepared = start.elapsed();
     let mut spp = 0;
     loop {
         let count = if let Budget::Spp(total) = budget { pass.min(total - spp) } else { pass };
-        film.add(&view, &Pass { estimator, trainer: None, points, samples: (spp, spp + count) });
+        film.add(&view, &Pass { estimator, session: None, points, samples: (spp, spp + count) });
         spp += count;
         if let (1, Budget::Time(limit)) = (spp, budget) {
             // The first sample is the same for any number of samples.
@@ -100,6 +100,6 @@ pub fn render_part(
             break;
         }
     }
-    let learned = trainer.map(|trainer| trainer.size());
+    let learned = session.as_ref().map(|session| session.size());
     Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
 }

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     color::luminance,
     columns::Arena,
-    estimator::{Contributions, Estimator, VisibilityTrainer},
+    estimator::{Contributions, Estimator, LearningSession},
     points::Points,
     scene::{Ray, RayKind},
     simd::LANES,
@@ -30,12 +30,12 @@ pub(super) struct Pixel {
     pub max_weight: f32,
 }
 
-/// The light estimator and its optional trainer.
+/// The light estimator and its optional session.
 #[derive(Clone, Copy)]
 pub(super) struct Estimate<'a> {
     pub estimator: &'a dyn Estimator,
     /// Receives the visibility of contributions.
-    pub trainer: Option<&'a dyn VisibilityTrainer>,
+    pub session: Option<&'a LearningSession<'a>>,
 }
 
 /// Buffers of one thread, reused from tile to tile.
@@ -139,9 +139,9 @@ impl Workspace {
                 view.scene.visible_batch(rays, visible);
             });
         }
-        if let Some(trainer) = estimate.trainer {
+        if let Some(session) = estimate.session {
             // Training samples do not contribute to the picture.
-            return timed(Stage::Learning, || trainer.observe(&tile.rows(), contributions, visible));
+            return timed(Stage::Learning, || session.observe(&tile.rows(), contributions, visible));
         }
         let all = contributions.places().iter().zip(contributions.radiance()).zip(&*visible);
         for ((&place, &radiance), &visible) in all {

@@ -97,8 +97,8 @@ fn ask(sampler: &dyn Sampler, at: &Rows<'_>, given: &[Row], arena: &Arena) -> Ve
     prepared(sampler, at, arena, |state| {
         sampler.sample(at, state, u, Draws { wi: [x, y, z], pdf: drawn_pdf }, arena);
         sampler.pdf(at, state, wi, pdf, arena);
+        sampler.mixture_weight(at, state, mixture_weight, arena);
     });
-    sampler.mixture_weight(at, mixture_weight, arena);
     at.brdf_cosine(wi, [red, green, blue], arena);
     at.brdf_pdf(wi, brdf_pdf, arena);
     at.alpha(alpha, arena);

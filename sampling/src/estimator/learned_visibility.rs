@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{
-    Contributions, Estimator, ViewGeometry, VisibilityTrainer,
+    Contributions, Estimator, ViewGeometry,
     exploration::explore,
     split::{check_directions, propose_mean},
 };
@@ -95,7 +95,7 @@ impl LearnedVisibility {
         Ok(Self { precomputed: Some(Arc::new(precomputed)), ..self })
     }
 
-    /// Returns the concrete type of [`Estimator::trainer`].
+    /// Returns an estimator for one rendering, which learns visibility before it.
     pub fn session(&self, view: ViewGeometry) -> LearningSession<'_> {
         let cells = CELLS_PER_PIXEL * view.pixels as f32;
         let needed = cells * VisibilityCache::CELL_BYTES as f32;
@@ -128,8 +128,8 @@ impl Estimator for LearnedVisibility {
         self.propose_with(&Unoccluded, at, points, out, arena);
     }
 
-    fn trainer<'a>(&'a self, view: ViewGeometry) -> Option<Box<dyn VisibilityTrainer + 'a>> {
-        Some(Box::new(self.session(view)))
+    fn learning_session(&self, view: ViewGeometry) -> Option<LearningSession<'_>> {
+        Some(self.session(view))
     }
 }
 
@@ -145,6 +145,43 @@ impl LearningSession<'_> {
     #[must_use]
     pub fn resuming(self, visibility: SceneVisibility) -> Self {
         Self { cache: self.cache.resuming(visibility), ..self }
+    }
+
+    /// Starts or ends exploration, in which proposals are shadow rays for learning and their contributions are 0.
+    pub fn explore(&mut self, explores: bool) {
+        self.explores = explores;
+    }
+
+    /// Counts the shadow rays of contributions that were proposed for these rows while [exploring](Self::explore).
+    pub fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
+        let rays = contributions.places().iter().zip(&contributions.patches).zip(visible);
+        self.cache.observe(at, rays.map(|((&place, &patch), &visible)| (place, patch, visible)));
+    }
+
+    /// Builds cells for the rays so far, which take less memory than a list of rays.
+    pub fn settle(&mut self) {
+        self.cache.settle();
+    }
+
+    /// [Settles](Self::settle), and predicts the gain of weights.
+    pub fn learn(&mut self) {
+        self.cache.learn();
+    }
+
+    /// Whether `factor` times as many training rays could make weights worthwhile; also depends on the growth of the gain since the
+    /// last call.
+    pub fn could_pay(&mut self, factor: f64) -> bool {
+        self.cache.could_pay(factor)
+    }
+
+    /// Ends learning and computes the weights, if they pay off.
+    pub fn finish(&mut self) {
+        self.cache.finish();
+    }
+
+    /// Returns size and predicted gain of its cache.
+    pub fn size(&self) -> CacheSize {
+        self.cache.size()
     }
 
     /// Returns the weights that it has learned, without precomputed ones, as lists for other devices; `None` if they are not
@@ -170,36 +207,5 @@ impl Estimator for LearningSession<'_> {
         } else {
             self.estimator.propose_with(&Unoccluded, at, points, out, arena);
         }
-    }
-}
-
-impl VisibilityTrainer for LearningSession<'_> {
-    fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]) {
-        let rays = contributions.places().iter().zip(&contributions.patches).zip(visible);
-        self.cache.observe(at, rays.map(|((&place, &patch), &visible)| (place, patch, visible)));
-    }
-
-    fn settle(&mut self) {
-        self.cache.settle();
-    }
-
-    fn learn(&mut self) {
-        self.cache.learn();
-    }
-
-    fn finish(&mut self) {
-        self.cache.finish();
-    }
-
-    fn could_pay(&mut self, factor: f64) -> bool {
-        self.cache.could_pay(factor)
-    }
-
-    fn explore(&mut self, explores: bool) {
-        self.explores = explores;
-    }
-
-    fn size(&self) -> CacheSize {
-        self.cache.size()
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `mod.rs` | the traits `Estimator` and `VisibilityTrainer`, contributions |
+//! | `mod.rs` | the trait `Estimator`, contributions |
 //! | `single_sample.rs`, `split.rs` | one direction, and the mean of several |
 //! | `two_sample_mis.rs`, `ris.rs` | two-sample MIS, resampling |
 //! | `learned_visibility.rs` | patches with visibility that is learned before each rendering |
@@ -25,7 +25,13 @@ pub use two_sample_mis::TwoSampleMis;
 
 use glam::Vec3A;
 
-use crate::{columns::Arena, environment::Environment, points::Points, simd::Lanes, tile::Rows, visibility::CacheSize};
+use crate::{
+    columns::Arena,
+    environment::Environment,
+    points::Points,
+    simd::Lanes,
+    tile::{MAX_POINTS, Rows},
+};
 
 /// An unbiased estimator of reflected light: the sum of its unoccluded contributions.
 pub trait Estimator: Send + Sync {
@@ -34,7 +40,7 @@ pub trait Estimator: Send + Sync {
 
     /// Returns an estimator for one rendering, if this one learns visibility before it renders. What it
     /// learns is dropped after the rendering, so that images do not depend on earlier ones.
-    fn trainer<'a>(&'a self, _view: ViewGeometry) -> Option<Box<dyn VisibilityTrainer + 'a>> {
+    fn learning_session(&self, _view: ViewGeometry) -> Option<LearningSession<'_>> {
         None
     }
 }
@@ -48,33 +54,6 @@ pub struct ViewGeometry {
     pub pixel: f32,
     /// Number of pixels of the image.
     pub pixels: usize,
-}
-
-/// An estimator that learns visibility from shadow rays before a rendering.
-pub trait VisibilityTrainer: Estimator {
-    /// Counts the shadow rays of contributions that were proposed for these rows while
-    /// [exploring](Self::explore).
-    fn observe(&self, at: &Rows<'_>, contributions: &Contributions, visible: &[bool]);
-
-    /// Builds cells for the rays so far, which take less memory than a list of rays.
-    fn settle(&mut self);
-
-    /// [Settles](Self::settle), and predicts the gain of weights.
-    fn learn(&mut self);
-
-    /// Ends learning and computes the weights, if they pay off.
-    fn finish(&mut self);
-
-    /// Whether `factor` times as many training rays could make weights worthwhile; also depends on the growth
-    /// of the gain since the last call.
-    fn could_pay(&mut self, factor: f64) -> bool;
-
-    /// Starts or ends exploration, in which proposals are shadow rays for learning and their contributions
-    /// are 0.
-    fn explore(&mut self, explores: bool);
-
-    /// Returns size and predicted gain of its cache.
-    fn size(&self) -> CacheSize;
 }
 
 /// Directions with their contributions if unoccluded. Contributions are positive, except those of exploration
@@ -98,7 +77,11 @@ impl Contributions {
     }
 
     /// Adds a contribution of a row.
+    ///
+    /// # Panics
+    /// If `place` is not below [`MAX_POINTS`], the size of a full tile.
     pub fn push(&mut self, place: usize, wi: Vec3A, radiance: Vec3A) {
+        assert!(place < MAX_POINTS, "a tile has no row {place}");
         self.places.push(place as u16);
         self.wi.push(wi);
         self.radiance.push(radiance);

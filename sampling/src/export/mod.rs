@@ -260,18 +260,6 @@ impl ExportedSampler {
         PatchSampler::with_head(light, detail, head)
     }
 
-    /// Returns the table, and the light with the tail below it.
-    ///
-    /// # Errors
-    /// The file holds no table, or as [`Self::sampler`].
-    pub fn table_and_light(self, environment: &Arc<Environment>) -> Result<(BakedTable, EnvironmentLight)> {
-        self.check_environment(environment)?;
-        let (Intermediate::Bake(table) | Intermediate::DirectBake(table)) = self.intermediate else {
-            return Err(Error::argument("intermediate.kind", "the file holds no table"));
-        };
-        Ok((table, EnvironmentLight::with_tail(environment.clone(), self.tail)))
-    }
-
     /// Checks that the sampler was made for this map: with another one it would be biased.
     ///
     /// # Errors

@@ -5,21 +5,18 @@
 //! | `condition.rs` | the layouts of condition vectors |
 //! | `network.rs` | the network of a spline's logits |
 //! | `inference.rs` | sampling and density over strips of samples |
-//! | `without_tail.rs` | a head over the map itself (the naive flow) |
 //! | `flat.rs` | a head as arrays, for other devices |
 
 mod condition;
 mod flat;
 mod inference;
 mod network;
-mod without_tail;
 
 pub use crate::linear::Linear;
 pub use condition::{Condition, MAX_CONDITION};
 pub use inference::HeadAt;
 use network::SplineNetwork;
 pub use network::{MAX_BINS, MAX_HIDDEN};
-pub use without_tail::WithoutTail;
 
 use serde::{Deserialize, Serialize};
 

@@ -42,5 +42,5 @@ mod warp;
 
 pub use hierarchy::{Detail, Patches};
 pub use rays::SkyRays;
-pub use sampler::{PatchSampler, WeightedPatches};
+pub use sampler::PatchSampler;
 pub use warp::PatchWarp;

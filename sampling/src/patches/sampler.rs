@@ -13,7 +13,7 @@ use crate::{
     error::{Error, Result},
     head::{Head, logit_of_mixture_weight},
     latlong,
-    sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler, prepared},
+    sampler::{Coverage, Draws, EnvironmentLight, IntermediateDensity, Sampler},
     simd::Lanes,
     tail::{Hierarchical, Tail, TailWarp},
     tile::Rows,
@@ -22,11 +22,13 @@ use crate::{
 
 /// Samples directions by the patches of a light. It covers the whole integrand, but glossy lobes can be
 /// narrower than patches: combine it with BRDF sampling, in which its mixture weight depends on the lobe.
+/// Masses are multiplied by the weights of `W`.
 #[derive(Clone, Debug)]
-pub struct PatchSampler {
+pub struct PatchSampler<W = Unoccluded> {
     pub(super) light: EnvironmentLight,
     pub(super) patches: Arc<Patches>,
     pub(super) head: Option<Arc<Head>>,
+    pub(super) weighting: W,
 }
 
 impl PatchSampler {
@@ -36,7 +38,7 @@ impl PatchSampler {
     /// The tail is not a quad-tree, which makes rectangles of the map rectangles of Y.
     pub fn new(light: EnvironmentLight, detail: Detail) -> Result<Self> {
         let patches = Arc::new(Patches::alone(quad_tree(&light)?, detail));
-        Ok(Self { light, patches, head: None })
+        Ok(Self { light, patches, head: None, weighting: Unoccluded })
     }
 
     /// The sampler of a light with a head before the patches, which samples their residual. A mixture weight
@@ -46,12 +48,12 @@ impl PatchSampler {
     /// As [`Self::new`].
     pub fn with_head(light: EnvironmentLight, detail: Detail, head: Head) -> Result<Self> {
         let patches = Arc::new(Patches::new(quad_tree(&light)?, detail));
-        Ok(Self { light, patches, head: Some(Arc::new(head)) })
+        Ok(Self { light, patches, head: Some(Arc::new(head)), weighting: Unoccluded })
     }
 
     /// The same sampler with the masses of patches multiplied by weights.
-    pub fn weighted<'a, W: Weighting>(&'a self, weighting: &'a W) -> WeightedPatches<'a, W> {
-        WeightedPatches { light: &self.light, patches: &self.patches, head: self.head.as_deref(), weighting }
+    pub fn weighted<W: Weighting>(&self, weighting: W) -> PatchSampler<W> {
+        PatchSampler { light: self.light.clone(), patches: self.patches.clone(), head: self.head.clone(), weighting }
     }
 
     /// Returns the number of each cluster in the order of the map, which that of [`Self::division`] is.
@@ -90,33 +92,24 @@ pub(super) fn quad_tree(light: &EnvironmentLight) -> Result<&Hierarchical> {
     }
 }
 
-/// A [`PatchSampler`] with weights.
-#[derive(Clone, Copy, Debug)]
-pub struct WeightedPatches<'a, W> {
-    pub(super) light: &'a EnvironmentLight,
-    pub(super) patches: &'a Patches,
-    pub(super) head: Option<&'a Head>,
-    pub(super) weighting: &'a W,
-}
-
-impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
+impl<W: Weighting> Sampler for PatchSampler<W> {
     fn columns(&self) -> usize {
-        COLUMNS + self.head.map_or(0, IntermediateDensity::columns)
+        COLUMNS + self.head.as_ref().map_or(0, |head| head.columns())
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
         let (state, of_head) = state.split_at_mut(COLUMNS * at.strips());
-        if let Some(head) = self.head {
+        if let Some(head) = &self.head {
             head.prepare(at, of_head, arena);
         }
-        self.patches.prepare(self.weighting, at, state, arena);
+        self.patches.prepare(&self.weighting, at, state, arena);
     }
 
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
         let (state, of_head) = state.split_at(COLUMNS * at.strips());
-        let (patches, weighting) = (self.patches, self.weighting);
+        let (patches, weighting) = (&*self.patches, &self.weighting);
         let mut y = arena.columns::<2>(at.strips());
-        if let Some(head) = self.head {
+        if let Some(head) = &self.head {
             let mut through = arena.columns::<3>(at.strips());
             let [z_u, z_v, q] = through.get_mut();
             head.sample(at, of_head, u, [&mut *z_u, &mut *z_v], q, arena);
@@ -130,11 +123,11 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
 
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let (state, of_head) = state.split_at(COLUMNS * at.strips());
-        let (patches, weighting, grid) = (self.patches, self.weighting, self.light.tail().light());
+        let (patches, weighting, grid) = (&*self.patches, &self.weighting, self.light.tail().light());
         let mut columns = arena.columns::<7>(at.strips());
         let [x_u, x_v, y_u, y_v, z_u, z_v, q] = columns.get_mut();
         latlong::squares(wi, [&mut *x_u, &mut *x_v]);
-        if let Some(head) = self.head {
+        if let Some(head) = &self.head {
             self.light.tail().inverse_columns([x_u, x_v], [&mut *y_u, &mut *y_v], out);
             draw::invert(patches, weighting, grid, at, state, [x_u, x_v], [y_u, y_v], [&mut *z_u, &mut *z_v], q);
             latlong::to_solid_angle(x_v, out);
@@ -147,9 +140,12 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
         multiply(out, q);
     }
 
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        let Some(head) = self.head else {
-            return prepared(self, at, arena, |state| self.mixture_weight_of_state(at, state, out, arena));
+    fn mixture_weight(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        let Some(head) = &self.head else {
+            for (state, out) in state.chunks_exact(COLUMNS).zip(out) {
+                *out = state[MIXTURE_WEIGHT];
+            }
+            return;
         };
         let mut lobes = arena.columns::<LOBES>(at.strips());
         at.lobes(lobes.get_mut(), arena);
@@ -163,14 +159,8 @@ impl<W: Weighting> Sampler for WeightedPatches<'_, W> {
     }
 
     /// With a head, the mixture weight comes from the head instead.
-    fn has_mixture_weight_in_state(&self) -> bool {
+    fn mixes_by_state(&self) -> bool {
         self.head.is_none()
-    }
-
-    fn mixture_weight_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
-        for (state, out) in state.chunks_exact(COLUMNS).zip(out) {
-            *out = state[MIXTURE_WEIGHT];
-        }
     }
 
     fn coverage(&self) -> Coverage {
@@ -198,39 +188,5 @@ impl Patches {
 pub(super) fn multiply(by: &mut [Lanes], others: &[Lanes]) {
     for (density, other) in by.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
         *density *= other;
-    }
-}
-
-impl Sampler for PatchSampler {
-    fn columns(&self) -> usize {
-        self.weighted(&Unoccluded).columns()
-    }
-
-    fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).prepare(at, state, arena);
-    }
-
-    fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], out: Draws<'_>, arena: &Arena) {
-        self.weighted(&Unoccluded).sample(at, state, u, out, arena);
-    }
-
-    fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).pdf(at, state, wi, out, arena);
-    }
-
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).mixture_weight(at, out, arena);
-    }
-
-    fn has_mixture_weight_in_state(&self) -> bool {
-        self.weighted(&Unoccluded).has_mixture_weight_in_state()
-    }
-
-    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.weighted(&Unoccluded).mixture_weight_of_state(at, state, out, arena);
-    }
-
-    fn coverage(&self) -> Coverage {
-        self.weighted(&Unoccluded).coverage()
     }
 }

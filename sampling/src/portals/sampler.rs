@@ -16,7 +16,7 @@ use crate::{
     columns::{Arena, vectorized},
     discrete::remap,
     environment::Environment,
-    sampler::{Coverage, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, Sampler, prepared},
+    sampler::{Coverage, Draws, EmitterSampler, EnvironmentLight, OneSampleMis, Sampler},
     simd::{LANES, Lanes},
     tile::Rows,
 };
@@ -257,15 +257,11 @@ impl Sampler for PortalSampler {
         COLUMNS * self.openings.len()
     }
 
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        prepared(self, at, arena, |state| self.mixture_weight_of_state(at, state, out, arena));
-    }
-
-    fn has_mixture_weight_in_state(&self) -> bool {
+    fn mixes_by_state(&self) -> bool {
         true
     }
 
-    fn mixture_weight_of_state(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
+    fn mixture_weight(&self, _at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
         out.fill([0.0; LANES]);
         for (out, state) in out.iter_mut().zip(state.chunks_exact(self.columns().max(1))) {
             for state in state.chunks_exact(COLUMNS) {

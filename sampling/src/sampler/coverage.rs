@@ -64,16 +64,12 @@ impl<S: Sampler> Sampler for Covering<S> {
         self.0.pdf(at, state, wi, out, arena);
     }
 
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        self.0.mixture_weight(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        self.0.mixture_weight(at, state, out, arena);
     }
 
-    fn has_mixture_weight_in_state(&self) -> bool {
-        self.0.has_mixture_weight_in_state()
-    }
-
-    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.0.mixture_weight_of_state(at, state, out, arena);
+    fn mixes_by_state(&self) -> bool {
+        self.0.mixes_by_state()
     }
 
     fn coverage(&self) -> Coverage {

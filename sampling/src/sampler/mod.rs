@@ -50,6 +50,9 @@ pub struct Draws<'a> {
 /// A batch is a list of rows of a tile. All columns of a call have [`Rows::strips`] strips, one lane per row
 /// of the list. An implementation provides `sample`, `pdf` and `coverage`, and `columns` and `prepare` if it
 /// has state that depends on the shading point alone.
+///
+/// # Panics
+/// Methods panic if a column or the state is too short.
 pub trait Sampler: Send + Sync {
     /// Returns the number of columns of state of a point.
     fn columns(&self) -> usize {
@@ -69,20 +72,15 @@ pub trait Sampler: Send + Sync {
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena);
 
     /// Computes the mixture weight of this sampler in [`OneSampleMis`], in `[0, 1]`: 0.5, unless the sampler has
-    /// its own.
-    fn mixture_weight(&self, _at: &Rows<'_>, out: &mut [Lanes], _arena: &Arena) {
+    /// its own. The state is prepared, or empty where the sampler [does not need it](Self::mixes_by_state).
+    fn mixture_weight(&self, _at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], _arena: &Arena) {
         out.as_flattened_mut().fill(0.5);
     }
 
     /// Whether the mixture weight follows from the state: a mixture then prepares all rows before it splits
-    /// them, and calls [`Self::mixture_weight_of_state`].
-    fn has_mixture_weight_in_state(&self) -> bool {
+    /// them.
+    fn mixes_by_state(&self) -> bool {
         false
-    }
-
-    /// Computes [`Self::mixture_weight`] from the prepared state, if [`Self::has_mixture_weight_in_state`].
-    fn mixture_weight_of_state(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        self.mixture_weight(at, out, arena);
     }
 
     /// Returns the part of the integrand that the sampler covers.
@@ -106,16 +104,12 @@ impl<S: Sampler + ?Sized> Sampler for Arc<S> {
         (**self).pdf(at, state, wi, out, arena);
     }
 
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
-        (**self).mixture_weight(at, out, arena);
+    fn mixture_weight(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
+        (**self).mixture_weight(at, state, out, arena);
     }
 
-    fn has_mixture_weight_in_state(&self) -> bool {
-        (**self).has_mixture_weight_in_state()
-    }
-
-    fn mixture_weight_of_state(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        (**self).mixture_weight_of_state(at, state, out, arena);
+    fn mixes_by_state(&self) -> bool {
+        (**self).mixes_by_state()
     }
 
     fn coverage(&self) -> Coverage {

@@ -32,25 +32,25 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
 
 impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
     fn columns(&self) -> usize {
-        if self.first.has_mixture_weight_in_state() { self.first.columns() } else { 0 }
+        if self.first.mixes_by_state() { self.first.columns() } else { 0 }
     }
 
     fn prepare(&self, at: &Rows<'_>, state: &mut [Lanes], arena: &Arena) {
-        if self.first.has_mixture_weight_in_state() {
+        if self.first.mixes_by_state() {
             self.first.prepare(at, state, arena);
         }
     }
 
     fn sample(&self, at: &Rows<'_>, state: &[Lanes], u: [&[Lanes]; 2], mut out: Draws<'_>, arena: &Arena) {
         let mut mixture_weights = arena.columns::<1>(at.strips());
-        self.mixture_weights(at, state, mixture_weights.get_mut()[0], arena);
+        self.first.mixture_weight(at, state, mixture_weights.get_mut()[0], arena);
         let mixture_weights = mixture_weights.get()[0].as_flattened();
         let (mut of_first, mut of_second) = (arena.list(), arena.list());
         for (place, (&u, &weight)) in u[0].as_flattened()[..at.len()].iter().zip(mixture_weights).enumerate() {
             if u < weight { &mut of_first } else { &mut of_second }.push(place as u16);
         }
         let (first, second) = (self.first_with(state), Source { sampler: &self.second, state: None });
-        if self.first.has_mixture_weight_in_state() && MANY * of_second.len() < at.len() {
+        if self.first.mixes_by_state() && MANY * of_second.len() < at.len() {
             self.sample_first_in_place(at, state, mixture_weights, u, &mut out, arena);
         } else {
             let part = Part { own: first, other: second, places: &of_first, from: |_| 0.0, to: |weight| weight };
@@ -63,7 +63,7 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
     fn pdf(&self, at: &Rows<'_>, state: &[Lanes], wi: [&[Lanes]; 3], out: &mut [Lanes], arena: &Arena) {
         let mut columns = arena.columns::<2>(at.strips());
         let [mixture_weights, of_second] = columns.get_mut();
-        self.mixture_weights(at, state, mixture_weights, arena);
+        self.first.mixture_weight(at, state, mixture_weights, arena);
         self.first_with(state).with_state(at, None, arena, |state| self.first.pdf(at, state, wi, out, arena));
         prepared(&self.second, at, arena, |state| self.second.pdf(at, state, wi, of_second, arena));
         let both = mixture_weights.as_flattened().iter().zip(of_second.as_flattened());
@@ -78,14 +78,6 @@ impl<A: Sampler, B: Sampler> Sampler for OneSampleMis<A, B> {
 }
 
 impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
-    fn mixture_weights(&self, at: &Rows<'_>, state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
-        if self.first.has_mixture_weight_in_state() {
-            self.first.mixture_weight_of_state(at, state, out, arena);
-        } else {
-            self.first.mixture_weight(at, out, arena);
-        }
-    }
-
     /// Draws from `first` for all rows; arbitrary for those that draw from `second`.
     fn sample_first_in_place(
         &self,
@@ -120,7 +112,7 @@ impl<A: Sampler, B: Sampler> OneSampleMis<A, B> {
     }
 
     fn first_with<'a>(&'a self, state: &'a [Lanes]) -> Source<'a> {
-        Source { sampler: &self.first, state: self.first.has_mixture_weight_in_state().then_some(state) }
+        Source { sampler: &self.first, state: self.first.mixes_by_state().then_some(state) }
     }
 }
 

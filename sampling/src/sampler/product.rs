@@ -75,7 +75,7 @@ impl<I: IntermediateDensity> Sampler for ProductSampler<I> {
         }
     }
 
-    fn mixture_weight(&self, at: &Rows<'_>, out: &mut [Lanes], arena: &Arena) {
+    fn mixture_weight(&self, at: &Rows<'_>, _state: &[Lanes], out: &mut [Lanes], arena: &Arena) {
         self.intermediate.mixture_weight(at, out, arena);
     }
 

@@ -99,10 +99,9 @@ impl<'a> AtPoint<'a> {
 
     /// See [`Sampler::mixture_weight`].
     pub fn mixture_weight(&self) -> f32 {
-        let rows = self.point.tile().rows();
-        let mut mixture_weights = vec![[0.0; LANES]; rows.strips()];
-        self.sampler.mixture_weight(&rows, &mut mixture_weights, &self.point.arena);
-        mixture_weights[0][0]
+        let mut mixture_weight = [[0.0; LANES]];
+        self.sampler.mixture_weight(&self.point.tile().rows(), &self.state, &mut mixture_weight, &self.point.arena);
+        mixture_weight[0][0]
     }
 
     /// Returns the shading point, ready for BRDFs.

@@ -98,6 +98,19 @@ pub trait Weighting: Send + Sync {
     }
 }
 
+impl<W: Weighting> Weighting for &W {
+    const UNIT: f32 = W::UNIT;
+
+    fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
+        (**self).indices(at, out);
+    }
+
+    #[inline(always)]
+    fn at(&self, index: f32) -> Option<&Weights> {
+        (**self).at(index)
+    }
+}
+
 /// Weights of 1 everywhere.
 #[derive(Clone, Copy, Debug)]
 pub struct Unoccluded;
@@ -165,7 +178,7 @@ mod tests {
             let mut out = [vec![[0.0; LANES]; at.strips()], vec![[0.0; LANES]; at.strips()]];
             sampler.prepare(&at, &mut state, &arena);
             sampler.pdf(&at, &state, wi.each_ref().map(|axis| &**axis), &mut out[0], &arena);
-            sampler.mixture_weight(&at, &mut out[1], &arena);
+            sampler.mixture_weight(&at, &state, &mut out[1], &arena);
             out
         };
         let [equal, none] = [densities(&patches.weighted(&unknown)), densities(&patches)];
