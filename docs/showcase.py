@@ -6,6 +6,7 @@ few samples, to check the layout.
 
 import argparse
 import pathlib
+import shutil
 import subprocess
 
 from PIL import Image, ImageDraw, ImageFont
@@ -78,6 +79,15 @@ def main():
         before.append((label, Image.open(photo.with_suffix(".png"))))
         after.append((f"{label}: composite", Image.open(folder / "composite.png")))
     montage([tile for pair in zip(before, after) for tile in pair], 2, given.out / "composites.jpg")
+
+    # A scene and a map that no setting was chosen by, and the default training.
+    env, scene = given.data / "envmaps" / "forest_slope_1k.hdr", given.data / "scenes" / "flight_helmet" / "FlightHelmet.gltf"
+    view = ["--env", env, "--material", "ggx:alpha=0.3"]
+    run("fit", *view, "--out", given.work / "head")
+    samplers = f"split:4:mis-comp,mis-comp,head+mis:{given.work}/head/sampler.safetensors,auto"
+    size = ["--width", 480, "--height", 360, "--seconds", 0.1 if given.quick else 1, "--runs", 3]
+    run("compare", *view, "--scene", scene, "--ground", "--samplers", samplers, *size, "--out", given.work / "compare")
+    shutil.copy(given.work / "compare" / "figures" / "pictures.svg", given.out / "equal-time.svg")
 
 
 if __name__ == "__main__":

@@ -11,8 +11,8 @@ use super::{
     vector::{Chart, Drawing},
 };
 
-/// Height of the large picture.
-const HEIGHT: f64 = 400.0;
+/// Height of the large picture: text is legible at the width of a page.
+const HEIGHT: f64 = 280.0;
 /// Gap between insets.
 const GAP: f64 = 5.0;
 /// Height above the pictures for names.
@@ -24,7 +24,7 @@ const FRAMES: [&str; 2] = ["#ffb000", "#4cc3ff"];
 
 /// A column of insets.
 struct Column<'a> {
-    name: &'a str,
+    name: String,
     image: &'a headtail_render::image::Image,
     numbers: [String; 3],
 }
@@ -41,23 +41,35 @@ pub fn teaser(comparison: &Comparison, summary: &Summary, exposure: f32) -> Resu
         comparison.images.iter().find(|image| image.sampler == sampler && image.budget == budget.name)
     };
     let mut columns = Vec::new();
+    let is_unique = |name: &str| summary.samplers.iter().filter(|other| short(other) == short(name)).count() == 1;
+    let label = |name: &'_ str| if is_unique(name) { short(name).to_owned() } else { name.to_owned() };
     for group in summary.at(&budget.name) {
         if let Some(shown) = image(&group.sampler) {
             let numbers = numbers(comparison, summary, group, shown, exposure)?;
-            columns.push(Column { name: &group.sampler, image: &shown.image, numbers });
+            columns.push(Column { name: label(&group.sampler), image: &shown.image, numbers });
         }
     }
-    let Some(worst) = image(&summary.baseline).or(columns.first().and_then(|column| image(column.name))) else {
+    let Some(worst) = image(&summary.baseline).or_else(|| summary.samplers.iter().find_map(|sampler| image(sampler)))
+    else {
         return Ok(Chart { name, drawings: Vec::new() });
     };
     let crops = Crop::two_worst(&worst.image, &comparison.reference, &comparison.measured);
     let numbers = ["MSE".to_owned(), "times lower".to_owned(), "FLIP".to_owned()];
-    columns.push(Column { name: "reference", image: &comparison.reference, numbers });
+    columns.push(Column { name: "reference".to_owned(), image: &comparison.reference, numbers });
     let best = summary.ranking(&budget.name, Measure::Mse).into_iter().find_map(|group| image(&group.sampler));
     let large = best.unwrap_or(worst);
-    let caption = format!("{} under {}, {}: {}", comparison.scene, comparison.env, budget.words(), large.sampler);
+    let view = format!("{} under {}", comparison.scene, comparison.env);
+    let caption = [view, format!("{}: {}", budget.words(), label(&large.sampler))];
     let drawings = vec![draw(comparison, large, &caption, (&columns, crops), exposure)?];
     Ok(Chart { name, drawings })
+}
+
+/// Returns the name of a sampler without the path of its file, which is wider than an inset.
+fn short(sampler: &str) -> &str {
+    match sampler.rsplit_once(':') {
+        Some((form, file)) if file.contains(['/', '\\', '.']) => form,
+        _ => sampler,
+    }
 }
 
 /// MSE, its ratio to the baseline's, and FLIP.
@@ -77,7 +89,7 @@ fn numbers(
 fn draw(
     comparison: &Comparison,
     large: &RenderedImage,
-    caption: &str,
+    caption: &[String; 2],
     (columns, crops): (&[Column], [Crop; 2]),
     exposure: f32,
 ) -> Result<Drawing> {
@@ -85,8 +97,10 @@ fn draw(
     let width = scale * comparison.width as f64;
     let side = 0.5 * (HEIGHT - GAP);
     let size = (width + columns.len() as f64 * (side + GAP), HEAD + HEIGHT + FOOT);
-    let mut drawing = Drawing::new("teaser", size, caption);
-    drawing.text("heading", "start", (0.0, 26.0), caption);
+    let mut drawing = Drawing::new("teaser", size, caption.join(", "));
+    for (line, words) in caption.iter().enumerate() {
+        drawing.text("label", "start", (0.0, HEAD + HEIGHT + 19.0 + 18.0 * line as f64), words);
+    }
     drawing.picture(&rendering(&large.image, exposure)?, (0.0, HEAD), (width, HEIGHT));
     for (crop, colour) in crops.iter().zip(FRAMES) {
         let [left, top, side] = [crop.left, crop.top, crop.side].map(|pixels| scale * pixels as f64);
@@ -95,7 +109,7 @@ fn draw(
     for (k, column) in columns.iter().enumerate() {
         let left = width + GAP + k as f64 * (side + GAP);
         let middle = left + 0.5 * side;
-        drawing.text("heading", "middle", (middle, 26.0), column.name);
+        drawing.text("heading", "middle", (middle, 26.0), &column.name);
         for (row, (crop, colour)) in crops.iter().zip(FRAMES).enumerate() {
             let place = (left, HEAD + row as f64 * (side + GAP));
             drawing.picture(&data_address(&crop.png(column.image, exposure)?), place, (side, side));
@@ -131,6 +145,7 @@ mod tests {
         let svg = chart.drawings[0].svg();
         assert_eq!(svg.matches("<image ").count(), 1 + 2 * (summary.samplers.len() + 1));
         assert!(svg.contains("2 seconds") && svg.contains(">1.0\u{d7}<") && svg.contains(">reference<"), "{svg}");
+        assert_eq!(["head+mis:out/a.safetensors", "split:4:patches"].map(short), ["head+mis", "split:4:patches"]);
         let bare = Comparison { images: Vec::new(), ..comparison };
         assert!(teaser(&bare, &summary, 0.0).unwrap().drawings.is_empty());
     }

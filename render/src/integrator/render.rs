@@ -11,7 +11,10 @@ use super::{
     rendering::{Budget, Rendering},
     view::{Part, View},
 };
-use crate::{estimator::Estimator, points::Points};
+use crate::{
+    estimator::{Estimator, LearningSession},
+    points::Points,
+};
 
 /// Samples per pixel and pass for a budget in samples.
 const PASS: u32 = 16;
@@ -100,6 +103,6 @@ pub fn render_part(
             break;
         }
     }
-    let learned = session.as_ref().map(|session| session.size());
+    let learned = session.as_ref().map(LearningSession::size);
     Rendering { learned, ..film.resolve(points.set(), spp, start.elapsed().as_secs_f64()) }
 }
