@@ -191,3 +191,15 @@ def test_scalar_variants_are_rejected():
         mi.load_dict({"type": "headtail_direct"})
     text = f"{raised.value} {raised.value.__cause__}"
     assert "has no arrays" in text
+
+
+def test_an_llvm_that_dr_jit_cannot_use_is_named(variant, monkeypatch):
+    import types
+
+    module = headtail.mitsuba
+    for version, llvm, fault in (("1.5.0", (15, 0, 6), "LLVM 16"), ("1.5.0", (19, 1, 7), None), ("1.4.0", (15, 0, 6), None), ("1.5.0", (0, 0, 0), None)):
+        detail = types.SimpleNamespace(llvm_version=lambda llvm=llvm: llvm)
+        monkeypatch.setattr(module, "dr", types.SimpleNamespace(__version__=version, detail=detail))
+        found = module._fault_of("llvm_ad_rgb")
+        assert found is None if fault is None else fault in found
+    assert "scalar_rgb" in module._fault_of("scalar_rgb")

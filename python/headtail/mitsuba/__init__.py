@@ -12,7 +12,9 @@ map (`envmap`, with any rotation, or `constant`), and any other emitters.
 # the quad-tree tail; _tails.py: the other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
 
 import functools
+import re
 
+import drjit as dr
 import mitsuba as mi
 
 from headtail import HeadtailError
@@ -27,9 +29,9 @@ def register():
     if variant is None or variant in _registered:
         return
     _registered.add(variant)
-    if not variant.startswith(("llvm_", "cuda_")) or not variant.endswith(("_rgb", "_mono")):
+    if reason := _fault_of(variant):
         for name in ("headtail_direct", "headtail_path"):
-            mi.register_integrator(name, _refuse(name, variant))
+            mi.register_integrator(name, _refuse(name, reason))
         return
     _show_causes()
     from ._integrators import make
@@ -57,9 +59,21 @@ def _show_causes():
     mi.render = shown
 
 
-def _refuse(name, variant):
+def _fault_of(variant):
+    """Returns why a variant cannot run the integrators; None if it can."""
+    if not variant.startswith(("llvm_", "cuda_")) or not variant.endswith(("_rgb", "_mono")):
+        return f"the variant {variant} has no arrays of RGB colours or of grey; use llvm_ad_rgb, cuda_ad_rgb or their _mono"
+    if variant.startswith("llvm_"):
+        drjit, llvm = (tuple(map(int, re.findall(r"\d+", str(version))[:2])) for version in (dr.__version__, dr.detail.llvm_version()))
+        # Dr.Jit's maximum is then an instruction that this LLVM lacks, and its failure ends the process.
+        if drjit >= (1, 5) and llvm and 0 < llvm[0] < 16:
+            return f"Mitsuba {mi.__version__} needs LLVM 16 or newer, and has found {llvm[0]}; name another by DRJIT_LIBLLVM_PATH, or use Mitsuba 3.9.0"
+    return None
+
+
+def _refuse(name, reason):
     def refuse(props):
-        raise HeadtailError(f"{name}: the variant {variant} has no arrays of RGB colours or of grey; use llvm_ad_rgb, cuda_ad_rgb or their _mono")
+        raise HeadtailError(f"{name}: {reason}")
 
     return refuse
 
