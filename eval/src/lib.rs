@@ -18,7 +18,7 @@
 //! | `preparation.rs` | the time to make a sampler's files |
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
-//! | `verification.rs` | whether changed sources render what was measured |
+//! | `verification.rs`, `retiming.rs` | whether changed sources render what was measured; their times |
 //! | `recording.rs` | commands whose output is data |
 //! | `summary/` | ratios, bootstrap intervals, error at equal time |
 //! | `bin/results/` | measures experiments and builds pages from their data |
@@ -39,6 +39,7 @@ mod quadrature;
 mod recording;
 mod reference;
 mod renderer;
+mod retiming;
 mod runner;
 mod sample_time;
 #[cfg(test)]
@@ -63,6 +64,7 @@ pub use preparation::FilePreparation;
 pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};
 pub use renderer::Renderer;
+pub use retiming::{Retiming, retime};
 pub use runner::{Outcome, RunOptions, run};
 pub use sample_time::nanoseconds_per_sample;
 pub use store::{Record, Store, VerifiedSources};

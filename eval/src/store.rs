@@ -185,6 +185,16 @@ impl Store {
         if records.len() < count { self.write(experiment, &mut records) } else { Ok(()) }
     }
 
+    /// Changes the records of an experiment.
+    ///
+    /// # Errors
+    /// If the file cannot be read or written.
+    pub fn update(&self, experiment: &str, change: impl FnMut(&mut Record)) -> Result<()> {
+        let mut records = self.records(experiment)?;
+        records.iter_mut().for_each(change);
+        self.write(experiment, &mut records)
+    }
+
     fn write(&self, experiment: &str, records: &mut [Record]) -> Result<()> {
         records.sort_by(|a, b| {
             let key = |own: &Record| (own.view(), own.sampler.clone(), own.budget.clone(), own.run);

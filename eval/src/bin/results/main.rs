@@ -31,7 +31,7 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use headtail_eval::{
-    Experiment, Outcome, Recording, RunOptions, Store, VerifiedSources, Watch, run, source_hash, verify,
+    Experiment, Outcome, Record, Recording, RunOptions, Store, VerifiedSources, Watch, retime, run, source_hash, verify,
 };
 
 /// Measure experiments (results/*.toml) and build the pages of results.
@@ -41,6 +41,7 @@ use headtail_eval::{
   results run equal-time --data maps-and-scenes
   results run --quick
   results stale
+  results time equal-time --data maps-and-scenes
 
 Measurements are resumable: Ctrl-C ends a run after the picture that is being rendered, and the same command goes on with the view that was being measured.")]
 struct Arguments {
@@ -71,6 +72,15 @@ enum Task {
         /// Views per experiment.
         #[arg(long, default_value_t = 6)]
         views: usize,
+        #[command(flatten)]
+        files: Files,
+    },
+    /// Measure the times of samples and preparations again.
+    /// Errors stay those of the stored pictures, which `verify` must have found the same. Takes minutes, on an otherwise idle
+    /// machine.
+    Time {
+        /// Experiments by name. Default: all.
+        names: Vec<String>,
         #[command(flatten)]
         files: Files,
     },
@@ -159,6 +169,18 @@ fn perform(arguments: &Arguments) -> Result<()> {
             let pictures = verify_all(&plans, &store, &files.options()?, *views)?;
             // Only a check of all experiments shows that nothing changed.
             if names.is_empty() { keep_verified(&store, pictures) } else { Ok(()) }
+        }
+        Task::Time { names, files } => {
+            let (plans, store) = (Plans::open(&folder)?.chosen(names)?, Store::new(&folder));
+            let (stop, current) = (stop_flag()?, current_environments(&store)?);
+            let is_valid = |own: &Record| current.contains(&own.environment);
+            for experiment in
+                plans.experiments.iter().filter(|own| own.budgets.iter().any(|budget| budget.0.seconds().is_some()))
+            {
+                let found = retime(experiment, &store, &files.options()?, &is_valid, (&stop, &Progress::new()))?;
+                println!("{}: {} measurements have new times, {} do not", experiment.name, found.timed, found.left);
+            }
+            Ok(())
         }
         Task::Run { names, stale, quick, files } => {
             let (chosen, options) = (Plans::open(&folder)?.chosen(names)?, files.options()?);
