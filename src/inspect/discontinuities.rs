@@ -46,14 +46,14 @@ impl Discontinuities {
         }
     }
 
-    /// Returns colours over Y: black where the tail is continuous, brighter for larger jumps.
+    /// Returns colours over Y: white where the tail is continuous, darker for larger jumps.
     pub fn colors(&self) -> Vec<[u8; 3]> {
-        let bright = |jump: &f32| {
+        let color = |jump: &f32| {
             // From 0.1 % to half of the map.
             let level = (jump / LEAST).max(1.0).log2() / (0.5 / LEAST).log2();
-            [1.0, 0.75, 0.4].map(|tint| (255.0 * level.min(1.0) * tint).round() as u8)
+            [1.0, 0.85, 0.4].map(|tint| (255.0 * (1.0 - level.min(1.0) * tint)).round() as u8)
         };
-        self.jumps.iter().map(bright).collect()
+        self.jumps.iter().map(color).collect()
     }
 }
 
@@ -94,7 +94,7 @@ mod tests {
         for kind in [TailKind::RowColumn, TailKind::Hierarchical] {
             let found = of(kind, |_, _| 1.0);
             assert!(found.length == 0.0 && found.mean == 0.0, "{}: {} sides", kind.name(), found.length);
-            assert_eq!(found.colors()[0], [0; 3]);
+            assert_eq!(found.colors()[0], [255; 3]);
         }
     }
 

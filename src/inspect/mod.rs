@@ -323,7 +323,9 @@ fn tabulate(exported: &ExportedSampler, at: &ShadingPoint, table: &BrdfTable) ->
         "final: pdf of the sampler"
     };
     let panel = |title, values: &[f32], sides, unit| {
-        Panel::density(title, (values, WIDTH), sides, (Scale::of(values, DECADES), unit))
+        // Densities over Y are near 1, however bright the lamps.
+        let scale = if sides == Sides::Square { Scale::linear(values) } else { Scale::of(values, DECADES) };
+        Panel::density(title, (values, WIDTH), sides, (scale, unit))
     };
     let panels = [
         panel("target: light \u{d7} BRDF \u{d7} cosine", &target, Sides::Sphere, "per sr")?,

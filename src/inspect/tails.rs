@@ -5,8 +5,10 @@ use std::time::Instant;
 use anyhow::Result;
 use glam::Vec2;
 use headtail_render::{
+    color::tone_map,
     environment::Environment,
     export::ExportedSampler,
+    latlong::direction,
     random::{Purpose, Stream},
     tail::{Tail, TailKind, TailWarp},
 };
@@ -98,7 +100,7 @@ pub fn inspect(environment: &Environment, flow: Option<&Tail>) -> Result<Found> 
         })
     };
     let objects = figures.iter().map(object).collect();
-    Ok(Found { picture: draw(environment.name(), &tails, &figures)?, table, objects })
+    Ok(Found { picture: draw(environment, &tails, &figures)?, table, objects })
 }
 
 impl Figures {
@@ -179,8 +181,8 @@ fn rgb_of_hsl(hue: f32, saturation: f32, lightness: f32) -> [u8; 3] {
     })
 }
 
-/// Draws the square, its image under each tail, then the discontinuities of each.
-fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
+/// Draws the square and its image under each tail; below them the map and the discontinuities of each tail.
+fn draw(environment: &Environment, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
     let pixel = |k: usize| {
         Vec2::new((k % WIDTH) as f32 + 0.5, (k / WIDTH) as f32 + 0.5) / Vec2::new(WIDTH as f32, HEIGHT as f32)
     };
@@ -195,15 +197,16 @@ fn draw(map: &str, tails: &[Tail], figures: &[Figures]) -> Result<Chart> {
         let title = format!("{}: KL {:.4} nats", figures.kind.name(), figures.kl);
         panels.push(panel(title, &images, Sides::Sphere)?);
     }
+    let map_pixels: Vec<[u8; 3]> = points.iter().map(|x| tone_map(environment.radiance(direction(*x)))).collect();
+    panels.push(Panel::plain("the map", (&map_pixels, WIDTH), Sides::Sphere)?);
     for figures in figures {
         let Discontinuities { length, mean, .. } = figures.discontinuities;
-        let title =
-            format!("{}: discontinuities of {length:.1} sides, {:.1} % on average", figures.kind.name(), 100.0 * mean);
+        let title = format!("{}: breaks of {length:.1} sides, mean {:.1} %", figures.kind.name(), 100.0 * mean);
         // Twice as wide as high, like the square above.
         let colors: Vec<[u8; 3]> = figures.discontinuities.colors().into_iter().flat_map(|color| [color; 2]).collect();
         panels.push(Panel::plain(title, (&colors, 2 * discontinuities::SIDE), Sides::Square)?);
     }
-    densities("tails", &[format!("Tails of '{map}'")], &panels, 2)
+    densities("tails", &[format!("Tails of '{}'", environment.name())], &panels, 1 + tails.len())
 }
 
 #[cfg(test)]

@@ -9,28 +9,44 @@ use crate::report::{
     picture::data_address,
 };
 
-/// A logarithmic colour scale.
+/// A colour scale.
 #[derive(Clone, Copy)]
 pub struct Scale {
     /// The brightest value.
     pub top: f64,
-    /// Decades below it.
-    pub decades: f64,
+    spacing: Spacing,
+}
+
+/// The values between the ends of a scale.
+#[derive(Clone, Copy)]
+enum Spacing {
+    /// From 0.
+    Linear,
+    /// From this many powers of ten below the brightest value.
+    Decades(f64),
 }
 
 impl Scale {
-    /// The scale up to the 99.8th percentile of the values, so that a single lamp does not darken everything
-    /// else.
+    /// The logarithmic scale up to the 99.8th percentile of the values, so that a single lamp does not darken
+    /// everything else.
     pub fn of(values: &[f32], decades: f64) -> Self {
-        let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite() && *value > 0.0).collect();
-        sorted.sort_by(f32::total_cmp);
-        let top = sorted.get((sorted.len() * 998 / 1000).min(sorted.len().saturating_sub(1))).copied().unwrap_or(1.0);
-        Self { top: f64::from(top), decades }
+        Self { top: top(values), spacing: Spacing::Decades(decades) }
+    }
+
+    /// The scale from 0 up to the 99.8th percentile, for values of one magnitude.
+    pub fn linear(values: &[f32]) -> Self {
+        Self { top: top(values), spacing: Spacing::Linear }
     }
 
     /// Converts values to colours.
     pub fn pixels(self, values: &[f32]) -> Vec<[u8; 3]> {
-        let level = |value: &f32| 1.0 + (f64::from(*value).max(f64::MIN_POSITIVE) / self.top).log10() / self.decades;
+        let level = |value: &f32| {
+            let part = f64::from(*value).max(f64::MIN_POSITIVE) / self.top;
+            match self.spacing {
+                Spacing::Linear => part,
+                Spacing::Decades(decades) => 1.0 + part.log10() / decades,
+            }
+        };
         values.iter().map(|value| DENSITY.at(level(value))).collect()
     }
 
@@ -41,8 +57,19 @@ impl Scale {
 
     /// Returns the labels at both ends and the middle of the scale, from dark to bright.
     pub fn ticks(self) -> [String; 3] {
-        [self.decades, 0.5 * self.decades, 0.0].map(|down| text(self.top * 10_f64.powf(-down)))
+        match self.spacing {
+            Spacing::Linear => [0.0, 0.5, 1.0].map(|part| text(part * self.top)),
+            Spacing::Decades(decades) => [1.0, 0.5, 0.0].map(|part| text(self.top * 10_f64.powf(-part * decades))),
+        }
     }
+}
+
+/// The 99.8th percentile of the positive values.
+fn top(values: &[f32]) -> f64 {
+    let mut sorted: Vec<f32> = values.iter().copied().filter(|value| value.is_finite() && *value > 0.0).collect();
+    sorted.sort_by(f32::total_cmp);
+    let place = (sorted.len() * 998 / 1000).min(sorted.len().saturating_sub(1));
+    f64::from(sorted.get(place).copied().unwrap_or(1.0))
 }
 
 /// The axes of a picture.
@@ -189,5 +216,13 @@ mod tests {
         values[0] = 1e9;
         assert_eq!(Scale::of(&values, 2.0).top, 1.0);
         assert_eq!(Scale::of(&[], 2.0).top, 1.0);
+    }
+
+    #[test]
+    fn a_linear_scale_begins_at_0() {
+        let scale = Scale::linear(&[0.5, 2.0]);
+        assert_eq!(scale.ticks(), ["0.00", "1.00", "2.00"]);
+        let [low, middle, high] = <[_; 3]>::try_from(scale.pixels(&[0.0, 1.0, 2.0])).unwrap();
+        assert_eq!((low, middle, high), (DENSITY.at(0.0), DENSITY.at(0.5), DENSITY.at(1.0)));
     }
 }
