@@ -1,7 +1,6 @@
 //! Uses an exported sampler: `cargo run --release -p headtail-render --example exported_sampler -- FILE MAP`.
 use glam::{Vec3, Vec3A};
-use headtail_render::{Arena, Dimension, Draws, Environment, ExportedSampler, Lambert, PointSet, Points};
-use headtail_render::{Sampler, ShadingPoint, Tile, prepared};
+use headtail_render::{Arena, Environment, ExportedSampler, Lambert, ShadingPoint, Tile, points::*, sampler::*};
 use std::{error::Error, path::Path, sync::Arc};
 
 /// Estimates the unshadowed light that a white diffuse surface reflects.

@@ -28,7 +28,7 @@ fn reflected_upwards(map: &str) -> Vec3A {
 
 #[test]
 fn the_example_is_short_and_estimates_the_correct_light() {
-    assert!(include_str!("../examples/exported_sampler.rs").lines().count() <= 40);
+    assert!(include_str!("../examples/exported_sampler.rs").lines().count() < 40);
     for kind in ["direct", "head"] {
         let file = format!("../checkpoints/window-{kind}.safetensors");
         let estimate = exported_sampler::reflected(Path::new(&file), "window").unwrap();
