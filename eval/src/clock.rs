@@ -2,15 +2,23 @@
 
 /// Returns the processor seconds of all threads of this process; `None` if the system does not report them.
 #[cfg(unix)]
-pub fn processor_seconds() -> Option<f64> {
+#[expect(clippy::unnecessary_wraps, reason = "other systems have none")]
+fn processor_seconds() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
 }
 
 /// Returns `None`: processor time is not available on this system.
 #[cfg(not(unix))]
-pub fn processor_seconds() -> Option<f64> {
+fn processor_seconds() -> Option<f64> {
     None
+}
+
+/// Returns the result of some work, and the processor seconds that this process spent on it.
+pub fn with_processor_seconds<T>(work: impl FnOnce() -> T) -> (T, Option<f64>) {
+    let before = processor_seconds();
+    let result = work();
+    (result, processor_seconds().zip(before).map(|(after, before)| after - before))
 }
 
 #[cfg(test)]

@@ -18,7 +18,8 @@ use crate::{
     Budget, Error, Measurement, Noise, OpenedView, Reference, Renderer, Result,
     auto::{Choice, choose},
     calibration::{Calibration, calibrate},
-    processor_seconds, select,
+    clock::with_processor_seconds,
+    select,
 };
 
 /// Samples of a run over all pixels, from which on the time of a sample is measured by a rendering of
@@ -246,9 +247,10 @@ impl Loop<'_> {
         self.watch.message(&format!("{} {asked}", entry.name));
         let show = |done: f64| self.watch.spent(self.done + done * seconds);
         let never = AtomicBool::new(false);
-        let before = processor_seconds();
-        let rendering = self.view.render_by(entry.at(asked).0, taken, self.view.points(seed), &never, &show)?;
-        let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
+        let points = self.view.points(seed);
+        let (rendering, used) =
+            with_processor_seconds(|| self.view.render_by(entry.at(asked).0, taken, points, &never, &show));
+        let rendering = rendering?;
         self.done += seconds;
         self.watch.spent(self.done);
         let measurement = Measurement {
@@ -260,7 +262,7 @@ impl Loop<'_> {
             run,
             seed,
             preparation: entry.at(asked).1,
-            processor_seconds: used,
+            processor_seconds: used.unwrap_or(f64::NAN),
             ..truth.measure(&rendering, [&rendering.composite(), &rendering.surfaces])?
         };
         Ok((rendering, measurement))

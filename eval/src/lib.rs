@@ -53,7 +53,6 @@ mod view;
 pub use artifact::Artifact;
 pub use auto::{Choice, Trial, choose};
 pub use budget::Budget;
-pub use clock::processor_seconds;
 pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
 pub use engine::{Entry, Plan, Run, Watch, measure};
 pub use error::{Error, Result};

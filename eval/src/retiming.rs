@@ -8,7 +8,7 @@ use std::{
 
 use crate::{
     Budget, Entry, Error, Experiment, MeasurementEnvironment, OpenedView, Record, Renderer, Result, RunOptions, Store,
-    ViewKey, Watch, clock::processor_seconds, experiment::SamplerEntry, runner, store::rounded,
+    ViewKey, Watch, clock::with_processor_seconds, experiment::SamplerEntry, runner, store::rounded,
 };
 
 /// Renderings of each sampler at each budget, in turn: the shortest counts, since other work only adds to it.
@@ -144,10 +144,11 @@ fn timed(
     if stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted("while a view was timed; the same command goes on with it"));
     }
-    let before = processor_seconds();
-    let rendering = view.render_by(renderer, Budget::Samples(samples), view.points(seed), stop, &|_| {})?;
-    let used = processor_seconds().zip(before).map_or(f64::NAN, |(after, before)| after - before);
-    let [sample, processor] = [rendering.seconds, used].map(|seconds| seconds / f64::from(rendering.spp));
+    let (budget, points) = (Budget::Samples(samples), view.points(seed));
+    let (rendering, used) = with_processor_seconds(|| view.render_by(renderer, budget, points, stop, &|_| {}));
+    let rendering = rendering?;
+    let [sample, processor] =
+        [rendering.seconds, used.unwrap_or(f64::NAN)].map(|seconds| seconds / f64::from(rendering.spp));
     let times = Times { sample, processor, preparation: 0.0, rays_per_sample: rendering.rays_per_sample };
     Ok((rendering.learned.is_some(), times))
 }

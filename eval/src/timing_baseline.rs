@@ -13,7 +13,7 @@ use headtail_render::{
     points::{PointSet, Points},
 };
 
-use crate::{Budget, OpenedView, processor_seconds};
+use crate::{Budget, OpenedView, clock::with_processor_seconds};
 
 /// A sampler that others are timed against.
 pub struct TimingBaseline {
@@ -58,10 +58,8 @@ impl TimingBaseline {
 /// Renders a picture; also returns the seconds of one sample per pixel: processor time divided by the threads
 /// where the system reports it, else wall-clock time.
 pub(crate) fn timed(view: &OpenedView, estimator: &dyn Estimator, budget: Budget, seed: u64) -> (Rendering, f64) {
-    let before = processor_seconds();
-    let points = Points::new(PointSet::Sobol, seed);
-    let rendering = view.render(estimator, budget, points, &AtomicBool::new(false), &|_| {});
-    let used = processor_seconds().zip(before).map(|(after, before)| after - before);
+    let (points, never) = (Points::new(PointSet::Sobol, seed), AtomicBool::new(false));
+    let (rendering, used) = with_processor_seconds(|| view.render(estimator, budget, points, &never, &|_| {}));
     let seconds = used.map_or(rendering.seconds, |used| used / rayon::current_num_threads() as f64);
     let samples = f64::from(rendering.spp.max(1));
     (rendering, seconds / samples)
