@@ -16,6 +16,7 @@
 //! | `composite/`, `view.rs` | photographs |
 //! | `inspect/`, `info.rs` | the contents of files |
 //! | `autosize/`, `sweep/`, `stability/`, `backends.rs` | measuring many samplers |
+//! | `conformance.rs` | a kit that checks other implementations |
 //! | `completions.rs` | shell completions |
 
 mod arguments;
@@ -27,6 +28,7 @@ mod check_material;
 mod compare;
 mod completions;
 mod composite;
+mod conformance;
 mod cost;
 mod crop;
 mod demo;
@@ -83,6 +85,7 @@ enum Command {
     Compare(compare::Arguments),
     Chart(chart::Arguments),
     Export(export::Arguments),
+    Conformance(conformance::Arguments),
     Inspect(inspect::Arguments),
     Material(material::Arguments),
     Autosize(autosize::Arguments),
@@ -137,6 +140,7 @@ fn run(command: Command) -> anyhow::Result<()> {
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Chart(arguments) => chart::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
+        Command::Conformance(arguments) => conformance::run(&arguments),
         Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Material(arguments) => material::run(&arguments),
         Command::Autosize(arguments) => autosize::run(&arguments),

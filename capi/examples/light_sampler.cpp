@@ -47,15 +47,21 @@ class ProductLight {
     headtail::sampler sampler;
 };
 
-// Draws one direction per point of a batch, which takes less time per point than one call for each.
+// Draws one direction per point of a batch, which takes less time per point than one call for each, and evaluates their
+// pdfs from the same preparation.
 static double reflected_by_batch(const char *name, std::size_t count) {
     headtail::environment map(name);
     headtail::sampler sampler("patches", map);
     const std::array<Vector3f, 1> n{{{0, 1, 0}}};
     std::vector<Vector3f> wi(count), radiance(count);
     std::vector<float> pdf(count);
-    sampler.sample({n}, headtail::seed{1}, wi, pdf, radiance);
+    const auto points = sampler.prepare({n}, count);
+    points.sample(headtail::seed{1}, wi, pdf, radiance);
+    std::vector<float> again(count);
+    points.pdf(wi, again);
     double sum = 0;
+    for (std::size_t k = 0; k < count; k++)
+        if (std::abs(again[k] / pdf[k] - 1) > 0.01f) return -1;
     for (std::size_t k = 0; k < count; k++)
         if (pdf[k] > 0) sum += radiance[k].y * wi[k].y / (3.14159265 * pdf[k]) / double(count);
     try {

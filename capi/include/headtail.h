@@ -20,10 +20,11 @@ typedef enum {
     HEADTAIL_STATUS_INTERNAL = 3,
 } HeadtailStatus;
 
-// A handle of an open environment or sampler; 0 is never a valid handle.
+// A handle of an open environment, sampler or list of prepared points; 0 is never a valid handle.
 typedef uint64_t HeadtailHandle;
 
-// Shading points. Each list has one entry for all points, or one per point.
+// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha` or
+// `roughness` is given.
 typedef struct {
     // Unit shading normals in world space, three floats each.
     const float *n;
@@ -33,7 +34,7 @@ typedef struct {
     const float *wo;
     // Number of entries of `wo`.
     uintptr_t wo_count;
-    // Trowbridge-Reitz widths from 0.001 to 1; NULL for diffuse surfaces.
+    // Trowbridge-Reitz widths from 0.001 to 1 of glossy surfaces, or NULL.
     const float *alpha;
     // Number of entries of `alpha`.
     uintptr_t alpha_count;
@@ -41,6 +42,22 @@ typedef struct {
     const float *f0;
     // Number of entries of `f0`.
     uintptr_t f0_count;
+    // Roughness, from 0 to 1, of the metallic-roughness surfaces of glTF, or NULL.
+    const float *roughness;
+    // Number of entries of `roughness`.
+    uintptr_t roughness_count;
+    // Metalness of these, from 0 to 1; NULL uses 0.
+    const float *metallic;
+    // Number of entries of `metallic`.
+    uintptr_t metallic_count;
+    // Base colours of these, linear Rec.709 from 0 to 1, three floats each; NULL uses white.
+    const float *base_color;
+    // Number of entries of `base_color`.
+    uintptr_t base_color_count;
+    // Positions in metres, three floats each, for samplers with visibility or portals; NULL for others.
+    const float *p;
+    // Number of entries of `p`.
+    uintptr_t p_count;
 } HeadtailPoints;
 
 #ifdef __cplusplus
@@ -68,7 +85,8 @@ HeadtailStatus headtail_environment_from_texels(uintptr_t width,
                                                 HeadtailHandle *out);
 
 // Creates the sampler of a SPEC for an environment, as on the command line: "auto" (here the same as
-// "patches", because there is no scene), "mis", "direct:FILE", ...
+// "patches", because there is no scene), "mis", "direct:FILE", "patches+vis:FILE", ... Visibility and portals in files
+// are in the coordinates of the scene that they were made for, and need the positions of points.
 //
 // # Safety
 // `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
@@ -114,7 +132,35 @@ HeadtailStatus headtail_sampler_pdf(HeadtailHandle sampler,
                                     const float *wi,
                                     float *pdf);
 
-// Closes an environment or a sampler. A sampler keeps the data that it needs from its environment.
+// Prepares `count` points for a sampler, whose samples and pdfs then cost less: copies the points, and computes what
+// the sampler needs of each. Close the handle when the points are done.
+//
+// # Safety
+// As for [`headtail_sampler_sample`]; `out` is NULL or may be written to.
+HeadtailStatus headtail_points_prepare(HeadtailHandle sampler,
+                                       const HeadtailPoints *points,
+                                       uintptr_t count,
+                                       HeadtailHandle *out);
+
+// [`headtail_sampler_sample`] for prepared points; `count` is their number.
+//
+// # Safety
+// As for [`headtail_sampler_sample`].
+HeadtailStatus headtail_points_sample(HeadtailHandle points,
+                                      uintptr_t count,
+                                      const float *u,
+                                      uint64_t seed,
+                                      float *wi,
+                                      float *pdf,
+                                      float *radiance);
+
+// [`headtail_sampler_pdf`] for prepared points; `count` is their number.
+//
+// # Safety
+// As for [`headtail_sampler_sample`].
+HeadtailStatus headtail_points_pdf(HeadtailHandle points, uintptr_t count, const float *wi, float *pdf);
+
+// Closes an environment, a sampler, or prepared points. Samplers and prepared points keep what they need.
 HeadtailStatus headtail_close(HeadtailHandle handle);
 
 #ifdef __cplusplus

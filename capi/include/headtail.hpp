@@ -67,10 +67,13 @@ template <std::size_t N, bool IsOutput = false> class list : any_list {
 template <std::size_t N> using results = list<N, true>;
 
 // Shading points; each list has one entry for all points, or one per point. Without `wo`, directions to the viewer are
-// the normals; without `alpha`, surfaces are diffuse; without `f0`, their reflectance at normal incidence is 1.
+// the normals. Surfaces are diffuse; with `alpha` glossy, with `f0` as their reflectance at normal incidence (1 without
+// it); with `roughness` those of glTF, with `metallic` (0) and `base_color` (white). Positions `p` are for samplers with
+// visibility or portals.
 struct points {
     list<3> n, wo{};
-    list<1> alpha{}, f0{};
+    list<1> alpha{}, f0{}, roughness{}, metallic{};
+    list<3> base_color{}, p{};
 
     operator HeadtailPoints() const {
         HeadtailPoints at{};
@@ -78,6 +81,10 @@ struct points {
         at.wo = wo.data(), at.wo_count = wo.size();
         at.alpha = alpha.data(), at.alpha_count = alpha.size();
         at.f0 = f0.data(), at.f0_count = f0.size();
+        at.roughness = roughness.data(), at.roughness_count = roughness.size();
+        at.metallic = metallic.data(), at.metallic_count = metallic.size();
+        at.base_color = base_color.data(), at.base_color_count = base_color.size();
+        at.p = p.data(), at.p_count = p.size();
         return at;
     }
 };
@@ -116,6 +123,49 @@ class environment : public object {
             throw std::invalid_argument("texels: not width * height");
         check(headtail_environment_from_texels(width, height, texels.data(), &own));
     }
+};
+
+inline void same_length(const char *name, std::size_t length, std::size_t count) {
+    if (length != count)
+        throw std::invalid_argument(std::string(name) + ": has " + std::to_string(length) + " entries, not " + std::to_string(count));
+}
+
+// Samples directions for points: one per point. Where the pdf is 0, there is no sample and all results are 0. All member
+// functions may be called from any thread at any time.
+class prepared_points : public object {
+  public:
+    std::size_t size() const { return count; }
+
+    // From uniform numbers of [0, 1)^2. `radiance` may be left out.
+    void sample(list<2> u, results<3> wi, results<1> pdf, results<3> radiance = {}) const {
+        same_length("u", u.size(), count);
+        draw(u.data(), 0, wi, pdf, radiance);
+    }
+
+    // From random numbers.
+    void sample(seed random, results<3> wi, results<1> pdf, results<3> radiance = {}) const {
+        draw(nullptr, random.number, wi, pdf, radiance);
+    }
+
+    // Evaluates the solid-angle pdfs with which `sample` samples unit directions.
+    void pdf(list<3> wi, results<1> out) const {
+        same_length("wi", wi.size(), count);
+        same_length("pdf", out.size(), count);
+        if (count) check(headtail_points_pdf(own, count, wi.data(), out.data()));
+    }
+
+  private:
+    friend class sampler;
+    explicit prepared_points(std::size_t count) : count(count) {}
+
+    void draw(const float *u, std::uint64_t random, results<3> wi, results<1> pdf, results<3> radiance) const {
+        same_length("wi", wi.size(), count);
+        same_length("pdf", pdf.size(), count);
+        if (!radiance.empty()) same_length("radiance", radiance.size(), count);
+        if (count) check(headtail_points_sample(own, count, u, random, wi.data(), pdf.data(), radiance.data()));
+    }
+
+    std::size_t count;
 };
 
 // All member functions may be called from any thread at any time.
@@ -162,14 +212,16 @@ class sampler : public object {
         if (!out.empty()) check(headtail_sampler_pdf(own, &checked, out.size(), wi.data(), out.data()));
     }
 
+    // Prepares `count` points: their samples and pdfs then cost less.
+    prepared_points prepare(const points &at, std::size_t count) const {
+        prepared_points prepared(count);
+        const HeadtailPoints checked = lists(at, count);
+        if (count) check(headtail_points_prepare(own, &checked, count, &prepared.own));
+        return prepared;
+    }
+
   private:
     sampler() = default;
-
-    static void same_length(const char *name, std::size_t length, std::size_t count) {
-        if (length != count)
-            throw std::invalid_argument(std::string(name) + ": has " + std::to_string(length) + " entries, the pdfs have " +
-                                        std::to_string(count));
-    }
 
     static HeadtailPoints lists(const points &at, std::size_t count) {
         const auto one_or_all = [count](const char *name, std::size_t length, bool may_lack) {
@@ -179,6 +231,10 @@ class sampler : public object {
         one_or_all("wo", at.wo.size(), true);
         one_or_all("alpha", at.alpha.size(), true);
         one_or_all("f0", at.f0.size(), true);
+        one_or_all("roughness", at.roughness.size(), true);
+        one_or_all("metallic", at.metallic.size(), true);
+        one_or_all("base_color", at.base_color.size(), true);
+        one_or_all("p", at.p.size(), true);
         return at;
     }
 

@@ -5,7 +5,7 @@ use std::{
     sync::{Arc, LazyLock, PoisonError, RwLock},
 };
 
-use headtail_sampling::{environment::Environment, sampler::Sampler};
+use headtail_sampling::{batch::PreparedPoints, environment::Environment, sampler::Sampler};
 
 use crate::status::Failure;
 
@@ -14,14 +14,32 @@ use crate::status::Failure;
 pub enum Object {
     Environment(Arc<Environment>),
     Sampler(Arc<OpenSampler>),
+    Prepared(Arc<OpenPoints>),
+}
+
+impl Object {
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Environment(_) => "an environment",
+            Self::Sampler(_) => "a sampler",
+            Self::Prepared(_) => "prepared points",
+        }
+    }
 }
 
 /// A sampler with its map.
 pub struct OpenSampler {
     pub sampler: Arc<dyn Sampler>,
     pub environment: Arc<Environment>,
+    pub needs_positions: bool,
     /// The description, JSON.
     pub description: String,
+}
+
+/// Points that were prepared for a sampler.
+pub struct OpenPoints {
+    pub points: PreparedPoints,
+    pub environment: Arc<Environment>,
 }
 
 #[derive(Default)]
@@ -56,13 +74,24 @@ pub fn close(handle: u64) -> Result<(), Failure> {
 pub fn environment(handle: u64) -> Result<Arc<Environment>, Failure> {
     match object(handle)? {
         Object::Environment(environment) => Ok(environment),
-        Object::Sampler(_) => Err(Failure::argument(format!("handle {handle}: is a sampler, not an environment"))),
+        other => Err(wrong(handle, &other, "an environment")),
     }
 }
 
 pub fn sampler(handle: u64) -> Result<Arc<OpenSampler>, Failure> {
     match object(handle)? {
         Object::Sampler(sampler) => Ok(sampler),
-        Object::Environment(_) => Err(Failure::argument(format!("handle {handle}: is an environment, not a sampler"))),
+        other => Err(wrong(handle, &other, "a sampler")),
     }
+}
+
+pub fn prepared(handle: u64) -> Result<Arc<OpenPoints>, Failure> {
+    match object(handle)? {
+        Object::Prepared(points) => Ok(points),
+        other => Err(wrong(handle, &other, "prepared points")),
+    }
+}
+
+fn wrong(handle: u64, found: &Object, needed: &str) -> Failure {
+    Failure::argument(format!("handle {handle}: is {}, not {needed}", found.name()))
 }

@@ -6,35 +6,29 @@
 //! with the same handles. No function unwinds.
 
 mod handles;
+mod lists;
 mod status;
 
-use std::{
-    ffi::{CStr, c_char},
-    path::Path,
-    slice,
-    sync::Arc,
-};
+use std::{ffi::c_char, path::Path, sync::Arc};
 
-use handles::{Object, OpenSampler};
+use handles::{Object, OpenPoints, OpenSampler};
 use headtail_sampling::{
-    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    batch::{self, PreparedPoints},
     environment::Environment,
     export::ExportedSampler,
     image::Image,
-    sampler::Sampler,
     spec::SamplerSpec,
 };
+use lists::{check_count, draw_list, list, list_mut, numbers, point_list, target, text};
 use status::{Failure, call};
 
 pub use status::HeadtailStatus;
 
-/// Largest number of elements of a list.
-const MOST: usize = 1 << 40;
-
-/// A handle of an open environment or sampler; 0 is never a valid handle.
+/// A handle of an open environment, sampler or list of prepared points; 0 is never a valid handle.
 pub type HeadtailHandle = u64;
 
-/// Shading points. Each list has one entry for all points, or one per point.
+/// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha` or
+/// `roughness` is given.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HeadtailPoints {
@@ -46,7 +40,7 @@ pub struct HeadtailPoints {
     pub wo: *const f32,
     /// Number of entries of `wo`.
     pub wo_count: usize,
-    /// Trowbridge-Reitz widths from 0.001 to 1; NULL for diffuse surfaces.
+    /// Trowbridge-Reitz widths from 0.001 to 1 of glossy surfaces, or NULL.
     pub alpha: *const f32,
     /// Number of entries of `alpha`.
     pub alpha_count: usize,
@@ -54,6 +48,30 @@ pub struct HeadtailPoints {
     pub f0: *const f32,
     /// Number of entries of `f0`.
     pub f0_count: usize,
+    /// Roughness, from 0 to 1, of the metallic-roughness surfaces of glTF, or NULL.
+    pub roughness: *const f32,
+    /// Number of entries of `roughness`.
+    pub roughness_count: usize,
+    /// Metalness of these, from 0 to 1; NULL uses 0.
+    pub metallic: *const f32,
+    /// Number of entries of `metallic`.
+    pub metallic_count: usize,
+    /// Base colours of these, linear Rec.709 from 0 to 1, three floats each; NULL uses white.
+    pub base_color: *const f32,
+    /// Number of entries of `base_color`.
+    pub base_color_count: usize,
+    /// Positions in metres, three floats each, for samplers with visibility or portals; NULL for others.
+    pub p: *const f32,
+    /// Number of entries of `p`.
+    pub p_count: usize,
+}
+
+impl Default for HeadtailPoints {
+    /// No lists; `n` is needed.
+    fn default() -> Self {
+        // SAFETY: pointers may be NULL, and counts 0.
+        unsafe { std::mem::zeroed() }
+    }
 }
 
 /// Returns the error message of this thread's last call that did not return HEADTAIL_STATUS_OK. It stays
@@ -101,7 +119,8 @@ pub unsafe extern "C" fn headtail_environment_from_texels(
 }
 
 /// Creates the sampler of a SPEC for an environment, as on the command line: "auto" (here the same as
-/// "patches", because there is no scene), "mis", "direct:FILE", ...
+/// "patches", because there is no scene), "mis", "direct:FILE", "patches+vis:FILE", ... Visibility and portals in files
+/// are in the coordinates of the scene that they were made for, and need the positions of points.
 ///
 /// # Safety
 /// `spec` is NULL or ends with a zero byte; `out` is NULL or may be written to.
@@ -117,7 +136,10 @@ pub unsafe extern "C" fn headtail_sampler_from_spec(
         let environment = handles::environment(environment)?;
         let parsed = spec.parse::<SamplerSpec>()?.resolved(false);
         let sampler = parsed.build_sampler(&environment)?;
-        *out = keep(sampler, environment, &serde_json::json!({ "sampler": parsed.to_string() }));
+        let description = serde_json::json!({ "sampler": parsed.to_string() }).to_string();
+        let needs_positions = parsed.needs_positions();
+        let opened = OpenSampler { sampler, environment, needs_positions, description };
+        *out = handles::open(Object::Sampler(Arc::new(opened)));
         Ok(())
     })
 }
@@ -137,9 +159,10 @@ pub unsafe extern "C" fn headtail_sampler_open(
         let (path, out) = unsafe { (Path::new(text("path", path)?), target("out", out)?) };
         let environment = handles::environment(environment)?;
         let exported = ExportedSampler::read(path)?;
-        let description = serde_json::to_value(exported.description()).unwrap_or_default();
+        let description = serde_json::to_value(exported.description()).unwrap_or_default().to_string();
         let sampler = exported.open(&environment).map_err(|error| error.in_file(path))?.into_inner();
-        *out = keep(sampler, environment, &description);
+        let opened = OpenSampler { sampler, environment, needs_positions: false, description };
+        *out = handles::open(Object::Sampler(Arc::new(opened)));
         Ok(())
     })
 }
@@ -197,15 +220,9 @@ pub unsafe extern "C" fn headtail_sampler_sample(
         let sampler = handles::sampler(sampler)?;
         // SAFETY: guaranteed by the caller.
         unsafe {
-            let at = point_list(points)?;
-            let numbers = if u.is_null() { Numbers::Seed(seed) } else { Numbers::Given(list("u", u.cast(), count)?) };
-            let light = if radiance.is_null() { None } else { Some(list_mut("radiance", radiance.cast(), count)?) };
-            let out = DrawList {
-                wi: list_mut("wi", wi.cast(), count)?,
-                pdf: list_mut("pdf", pdf, count)?,
-                radiance: light.map(|list| (&*sampler.environment, list)),
-            };
-            Ok(batch::sample(&*sampler.sampler, &at, numbers, out)?)
+            let at = point_list(points, &sampler)?;
+            let out = draw_list(&sampler.environment, count, wi, pdf, radiance)?;
+            Ok(batch::sample(&*sampler.sampler, &at, numbers(u, seed, count)?, out)?)
         }
     })
 }
@@ -228,84 +245,82 @@ pub unsafe extern "C" fn headtail_sampler_pdf(
         // SAFETY: guaranteed by the caller.
         unsafe {
             let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("pdf", pdf, count)?);
-            Ok(batch::pdf(&*sampler.sampler, &point_list(points)?, wi, out)?)
+            Ok(batch::pdf(&*sampler.sampler, &point_list(points, &sampler)?, wi, out)?)
         }
     })
 }
 
-/// Closes an environment or a sampler. A sampler keeps the data that it needs from its environment.
+/// Prepares `count` points for a sampler, whose samples and pdfs then cost less: copies the points, and computes what
+/// the sampler needs of each. Close the handle when the points are done.
+///
+/// # Safety
+/// As for [`headtail_sampler_sample`]; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_points_prepare(
+    sampler: HeadtailHandle,
+    points: *const HeadtailPoints,
+    count: usize,
+    out: *mut HeadtailHandle,
+) -> HeadtailStatus {
+    call(|| {
+        let sampler = handles::sampler(sampler)?;
+        // SAFETY: guaranteed by the caller.
+        let (at, out) = unsafe { (point_list(points, &sampler)?, target("out", out)?) };
+        check_count("points", count)?;
+        let points = PreparedPoints::new(sampler.sampler.clone(), &at, count)?;
+        *out =
+            handles::open(Object::Prepared(Arc::new(OpenPoints { points, environment: sampler.environment.clone() })));
+        Ok(())
+    })
+}
+
+/// [`headtail_sampler_sample`] for prepared points; `count` is their number.
+///
+/// # Safety
+/// As for [`headtail_sampler_sample`].
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_points_sample(
+    points: HeadtailHandle,
+    count: usize,
+    u: *const f32,
+    seed: u64,
+    wi: *mut f32,
+    pdf: *mut f32,
+    radiance: *mut f32,
+) -> HeadtailStatus {
+    call(|| {
+        let prepared = handles::prepared(points)?;
+        // SAFETY: guaranteed by the caller.
+        unsafe {
+            let out = draw_list(&prepared.environment, count, wi, pdf, radiance)?;
+            Ok(prepared.points.sample(numbers(u, seed, count)?, out)?)
+        }
+    })
+}
+
+/// [`headtail_sampler_pdf`] for prepared points; `count` is their number.
+///
+/// # Safety
+/// As for [`headtail_sampler_sample`].
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_points_pdf(
+    points: HeadtailHandle,
+    count: usize,
+    wi: *const f32,
+    pdf: *mut f32,
+) -> HeadtailStatus {
+    call(|| {
+        let prepared = handles::prepared(points)?;
+        // SAFETY: guaranteed by the caller.
+        unsafe {
+            let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("pdf", pdf, count)?);
+            Ok(prepared.points.pdf(wi, out)?)
+        }
+    })
+}
+
+/// Closes an environment, a sampler, or prepared points. Samplers and prepared points keep what they need.
 #[unsafe(no_mangle)]
 pub extern "C" fn headtail_close(handle: HeadtailHandle) -> HeadtailStatus {
     call(|| handles::close(handle))
-}
-
-fn keep(sampler: Arc<dyn Sampler>, environment: Arc<Environment>, description: &serde_json::Value) -> HeadtailHandle {
-    handles::open(Object::Sampler(Arc::new(OpenSampler { sampler, environment, description: description.to_string() })))
-}
-
-/// # Safety
-/// `pointer` is NULL or ends with a zero byte.
-unsafe fn text<'a>(name: &str, pointer: *const c_char) -> Result<&'a str, Failure> {
-    if pointer.is_null() {
-        return Err(Failure::argument(format!("{name}: is NULL")));
-    }
-    // SAFETY: guaranteed by the caller.
-    let text = unsafe { CStr::from_ptr(pointer) };
-    text.to_str().map_err(|_| Failure::argument(format!("{name}: is not UTF-8")))
-}
-
-/// # Safety
-/// `pointer` is NULL or may be written to.
-unsafe fn target<'a>(name: &str, pointer: *mut HeadtailHandle) -> Result<&'a mut HeadtailHandle, Failure> {
-    check(name, pointer, 1)?;
-    // SAFETY: guaranteed by the caller. The old value is overwritten; all bit patterns are valid handles.
-    let out = unsafe { &mut *pointer };
-    *out = 0;
-    Ok(out)
-}
-
-fn check<T>(name: &str, pointer: *const T, count: usize) -> Result<(), Failure> {
-    if pointer.is_null() {
-        return Err(Failure::argument(format!("{name}: is NULL")));
-    }
-    if !pointer.is_aligned() {
-        return Err(Failure::argument(format!("{name}: is not aligned")));
-    }
-    if count > MOST {
-        return Err(Failure::argument(format!("{name}: has {count} entries")));
-    }
-    Ok(())
-}
-
-/// # Safety
-/// `pointer` is NULL or holds `count` entries.
-unsafe fn list<'a, T>(name: &str, pointer: *const T, count: usize) -> Result<&'a [T], Failure> {
-    check(name, pointer, count)?;
-    // SAFETY: guaranteed by the caller.
-    Ok(unsafe { slice::from_raw_parts(pointer, count) })
-}
-
-/// # Safety
-/// `pointer` is NULL or holds `count` entries that nothing else refers to.
-unsafe fn list_mut<'a, T>(name: &str, pointer: *mut T, count: usize) -> Result<&'a mut [T], Failure> {
-    check(name, pointer, count)?;
-    // SAFETY: guaranteed by the caller.
-    Ok(unsafe { slice::from_raw_parts_mut(pointer, count) })
-}
-
-/// # Safety
-/// `points` is NULL or points to lists that are NULL or as long as their counts.
-unsafe fn point_list<'a>(points: *const HeadtailPoints) -> Result<PointList<'a>, Failure> {
-    // SAFETY: guaranteed by the caller.
-    unsafe {
-        let [points] = list("points", points, 1)? else { unreachable!("a list of one") };
-        let wo = if points.wo.is_null() { &[] } else { list("wo", points.wo.cast(), points.wo_count)? };
-        let f0 = if points.f0.is_null() { &[1.0] } else { list("f0", points.f0, points.f0_count)? };
-        let surface = if points.alpha.is_null() {
-            SurfaceList::Diffuse
-        } else {
-            SurfaceList::Glossy { alpha: list("alpha", points.alpha, points.alpha_count)?, f0 }
-        };
-        Ok(PointList { n: list("n", points.n.cast(), points.n_count)?, wo, surface })
-    }
 }

@@ -198,14 +198,18 @@ impl Caller {
 
     fn draws(&mut self) {
         let sampler = self.handle(true);
-        let lists = [3, 3, 1, 1].map(|width| self.list(width));
+        let lists = [3, 3, 1, 1, 1, 1, 3, 3].map(|width| self.list(width));
         let shared = self.one_in(2);
-        let mut counts = [0; 4].map(|_| if shared { 1 } else { ROOM });
+        let mut counts = [0; 8].map(|_| if shared { 1 } else { ROOM });
         if self.one_in(4) {
-            let place = self.below(4);
+            let place = self.below(8);
             counts[place] = self.count();
         }
-        let starts = lists.each_ref().map(|list| if self.one_in(3) { null() } else { self.start(list) });
+        let mut starts = lists.each_ref().map(|list| if self.one_in(3) { null() } else { self.start(list) });
+        // Mostly one kind of surface.
+        if !self.one_in(8) {
+            starts[if self.one_in(2) { 2 } else { 4 }] = null();
+        }
         let n = if self.one_in(20) { null() } else { lists[0].as_ptr() };
         let at = HeadtailPoints {
             n,
@@ -216,6 +220,14 @@ impl Caller {
             alpha_count: counts[2],
             f0: starts[3],
             f0_count: counts[3],
+            roughness: starts[4],
+            roughness_count: counts[4],
+            metallic: starts[5],
+            metallic_count: counts[5],
+            base_color: starts[6],
+            base_color_count: counts[6],
+            p: starts[7],
+            p_count: counts[7],
         };
         let points = if self.one_in(30) { null() } else { &raw const at };
         let (u, given, count, seed) = (self.list(2), self.list(3), self.count(), self.below(1 << 20) as u64);
@@ -223,17 +235,30 @@ impl Caller {
         let mut out = [3, 1, 3].map(|width| vec![UNTOUCHED; (ROOM + 1) * width]);
         let [wi, pdf, radiance] =
             out.each_mut().map(|list| if self.one_in(20) { null_mut() } else { list.as_mut_ptr() });
-        let evaluates = self.one_in(3);
+        let (evaluates, prepares, mut prepared) = (self.one_in(3), self.one_in(3), 0);
         // SAFETY: lists have room for the given counts, or are NULL or misaligned, or claim more than is
         // accepted.
         let status = unsafe {
-            if evaluates {
+            if prepares {
+                // The number of prepared points may differ from that of the next call.
+                let prepared_count = if self.one_in(5) { self.count() } else { count };
+                let status = headtail_points_prepare(sampler, points, prepared_count, &mut prepared);
+                if !self.ended("prepare", status) {
+                    return;
+                }
+                if evaluates {
+                    headtail_points_pdf(prepared, count, given, pdf)
+                } else {
+                    headtail_points_sample(prepared, count, u, seed, wi, pdf, radiance)
+                }
+            } else if evaluates {
                 headtail_sampler_pdf(sampler, points, count, given, pdf)
             } else {
                 headtail_sampler_sample(sampler, points, count, u, seed, wi, pdf, radiance)
             }
         };
         let is_ok = self.ended("draw", status);
+        assert!(prepared == 0 || headtail_close(prepared) == HeadtailStatus::Ok);
         for (list, width) in out.iter().zip([3, 1, 3]) {
             let end = count.min(ROOM) * width;
             assert!(list[end..].iter().all(|number| *number == UNTOUCHED));

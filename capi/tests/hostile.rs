@@ -39,16 +39,7 @@ fn patches(environment: HeadtailHandle) -> HeadtailHandle {
 const UP: [f32; 3] = [0.0, 1.0, 0.0];
 
 fn points(n: &[[f32; 3]]) -> HeadtailPoints {
-    HeadtailPoints {
-        n: n.as_ptr().cast(),
-        n_count: n.len(),
-        wo: null(),
-        wo_count: 0,
-        alpha: null(),
-        alpha_count: 0,
-        f0: null(),
-        f0_count: 0,
-    }
+    HeadtailPoints { n: n.as_ptr().cast(), n_count: n.len(), ..HeadtailPoints::default() }
 }
 
 #[test]
@@ -69,7 +60,7 @@ fn samples_match_the_batch_and_their_pdfs_agree() {
     let (mut own_wi, mut own_pdf, mut own_radiance) = ([[0.0_f32; 3]; 100], [0.0_f32; 100], [[0.0_f32; 3]; 100]);
     let studio = Arc::new(Environment::open("studio").unwrap());
     let patches = SamplerSpec::patches().build_sampler(&studio).unwrap();
-    let at = PointList { n: &[UP], wo: &[], surface: SurfaceList::Diffuse };
+    let at = PointList { p: &[], n: &[UP], wo: &[], surface: SurfaceList::Diffuse };
     let out = DrawList { wi: &mut own_wi, pdf: &mut own_pdf, radiance: Some((&studio, &mut own_radiance)) };
     batch::sample(&patches, &at, Numbers::Seed(7), out).unwrap();
     assert!(wi == own_wi && pdf == own_pdf && radiance == own_radiance);
@@ -81,6 +72,38 @@ fn samples_match_the_batch_and_their_pdfs_agree() {
         assert_eq!(CStr::from_ptr(text.as_ptr()).to_str(), Ok("{\"sampler\":"));
     }
     assert_eq!(length, "{\"sampler\":\"patches\"}".len() + 1);
+}
+
+#[test]
+fn prepared_points_give_the_same_draws_and_outlive_their_sampler() {
+    let map = environment("studio");
+    let sampler = patches(map);
+    let roughness = [0.3_f32];
+    let at = HeadtailPoints { roughness: roughness.as_ptr(), roughness_count: 1, ..points(&[UP]) };
+    let (mut prepared, mut none) = (0, 1);
+    let (mut wi, mut pdf, mut again) = ([[[0.0_f32; 3]; 40]; 2], [[0.0_f32; 40]; 2], [0.0_f32; 40]);
+    // SAFETY: lists have the given lengths.
+    unsafe {
+        let [once, twice] = wi.each_mut().map(|wi| wi.as_flattened_mut().as_mut_ptr());
+        let [first, second] = pdf.each_mut().map(|pdf| pdf.as_mut_ptr());
+        let status = headtail_sampler_sample(sampler, &at, 40, null(), 7, once, first, null_mut());
+        assert_eq!(status, HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_points_prepare(sampler, &at, 40, &mut prepared), HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_points_prepare(sampler, &at, usize::MAX, &mut none), HeadtailStatus::Invalid);
+        let both = HeadtailPoints { alpha: roughness.as_ptr(), alpha_count: 1, ..at };
+        assert_eq!(headtail_points_prepare(sampler, &both, 40, &mut none), HeadtailStatus::Invalid);
+        assert_eq!((error().as_str(), none), ("roughness: is of other surfaces than alpha", 0));
+        assert_eq!((headtail_close(sampler), headtail_close(map)), (HeadtailStatus::Ok, HeadtailStatus::Ok));
+        let status = headtail_points_sample(prepared, 40, null(), 7, twice, second, null_mut());
+        assert_eq!(status, HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_points_pdf(prepared, 40, once, again.as_mut_ptr()), HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_points_pdf(prepared, 39, once, again.as_mut_ptr()), HeadtailStatus::Invalid);
+        assert_eq!(headtail_sampler_pdf(prepared, &at, 40, once, again.as_mut_ptr()), HeadtailStatus::Invalid);
+        assert!(error().contains("is prepared points, not a sampler"), "{}", error());
+    }
+    assert!(wi[0] == wi[1] && pdf[0] == pdf[1]);
+    assert!(pdf[0].iter().zip(again).all(|(a, b)| *a > 0.0 && (b / a - 1.0).abs() < 1e-2));
+    assert_eq!(headtail_close(prepared), HeadtailStatus::Ok);
 }
 
 #[test]

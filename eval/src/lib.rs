@@ -19,6 +19,7 @@
 //! | `sample_time.rs` | the time of one light estimate |
 //! | `experiment.rs`, `artifact.rs`, `runner.rs`, `store.rs` | experiments, the files that their samplers need, and their data |
 //! | `verification.rs`, `retiming.rs` | whether changed sources render what was measured; their times |
+//! | `conformance/` | a kit that checks other implementations of the samplers |
 //! | `recording.rs` | commands whose output is data |
 //! | `summary/` | ratios, bootstrap intervals, error at equal time |
 //! | `bin/results/` | measures experiments and builds pages from their data |
@@ -28,6 +29,7 @@ mod auto;
 mod budget;
 mod calibration;
 mod clock;
+pub mod conformance;
 mod direction_statistics;
 mod engine;
 mod error;

@@ -58,7 +58,10 @@ impl DeviceSampler {
         let (arrays, mut is_mixed, has_own_weight) = match spec.source() {
             Source::Brdf | Source::Cosine => (Vec::new(), false, false),
             Source::Emitter => (light()?.tail().flat(), false, false),
-            Source::Compensated => (EmitterSampler::compensated(&light()?)?.light().tail().flat(), false, false),
+            Source::Compensated => {
+                let sampler = EmitterSampler::compensated(environment, TailKind::Hierarchical)?;
+                (sampler.light().tail().flat(), false, false)
+            }
             Source::Patches(detail) => (flat_patches(light()?.tail(), *detail)?, true, true),
             Source::File(kind, file) => {
                 let exported = kind.read(file)?;

@@ -8,12 +8,13 @@ from . import _native
 from ._environment import Environment
 from ._native import HeadtailError
 from ._render import Reference, Rendering, Scene, compare, render
-from ._sampler import Draws, Sampler, bake
+from ._sampler import Draws, PreparedPoints, Sampler, bake
 
 __all__ = [
     "Draws",
     "Environment",
     "HeadtailError",
+    "PreparedPoints",
     "Reference",
     "Rendering",
     "Sampler",

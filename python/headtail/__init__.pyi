@@ -57,6 +57,10 @@ class Sampler:
         seed: int = ...,
         radiance: bool = ...,
         out: tuple[_Array | None, _Array | None, _Array | None] | None = ...,
+        p: _Array | None = ...,
+        roughness: _Array | float | None = ...,
+        metallic: _Array | float | None = ...,
+        base_color: _Array | None = ...,
     ) -> Draws: ...
     def pdf(
         self,
@@ -67,8 +71,38 @@ class Sampler:
         f0: _Array | float | None = ...,
         *,
         out: _Array | None = ...,
+        p: _Array | None = ...,
+        roughness: _Array | float | None = ...,
+        metallic: _Array | float | None = ...,
+        base_color: _Array | None = ...,
     ) -> _Floats: ...
+    def prepare(
+        self,
+        n: _Array,
+        wo: _Array | None = ...,
+        alpha: _Array | float | None = ...,
+        f0: _Array | float | None = ...,
+        *,
+        count: int | None = ...,
+        p: _Array | None = ...,
+        roughness: _Array | float | None = ...,
+        metallic: _Array | float | None = ...,
+        base_color: _Array | None = ...,
+    ) -> PreparedPoints: ...
     def save(self, path: _Path) -> None: ...
+
+class PreparedPoints:
+    def __init__(self, native: Any) -> None: ...
+    def __len__(self) -> int: ...
+    def sample(
+        self,
+        u: _Array | None = ...,
+        *,
+        seed: int = ...,
+        radiance: bool = ...,
+        out: tuple[_Array | None, _Array | None, _Array | None] | None = ...,
+    ) -> Draws: ...
+    def pdf(self, wi: _Array, *, out: _Array | None = ...) -> _Floats: ...
 
 class Scene:
     def __init__(self, name_or_path: _Path, *, material: str | None = ..., ground: bool = ..., camera: str | None = ...) -> None: ...

@@ -44,34 +44,34 @@ class Sampler:
         description = self._native.description()
         return {"name": self._native.name, **(json.loads(description) if description else {})}
 
-    def sample(self, n, wo=None, alpha=None, f0=None, u=None, *, count=None, seed=0, radiance=True, out=None):
+    def sample(self, n, wo=None, alpha=None, f0=None, u=None, *, count=None, seed=0, radiance=True, out=None,
+               p=None, roughness=None, metallic=None, base_color=None):
         """Samples a direction per row.
 
-        n: unit shading normals [count, 3], or one for all. wo: unit directions to the viewer, by default the normals. alpha: Trowbridge-Reitz
-        widths (and f0 reflectances at normal incidence, 1 by default) of glossy surfaces; diffuse by default. u: points of [0, 1)^2; by
-        default random numbers from `seed`. out: (wi, pdf, radiance) to write to, each may be None.
+        n: unit shading normals [count, 3], or one for all. wo: unit directions to the viewer, by default the normals. Surfaces are diffuse by
+        default; alpha: Trowbridge-Reitz widths (and f0 reflectances at normal incidence, 1 by default) of glossy ones; roughness, metallic (0
+        by default) and base_color (white by default): those of glTF. p: positions [count, 3], which samplers with visibility or portals need.
+        u: points of [0, 1)^2; by default random numbers from `seed`. out: (wi, pdf, radiance) to write to, each may be None.
         """
-        n, wo, surface = _points(n, wo, alpha, f0)
-        u = None if u is None else rows(u, "u", 2)
-        count = _count(count, n, wo, *(surface or ()), u)
-        out_wi, out_pdf, out_radiance = out or (None, None, None)
-        wi, pdf = result(out_wi, "wi", (count, 3)), result(out_pdf, "pdf", (count,))
-        wants_radiance = out_radiance is not None or (radiance and self._native.has_map)
-        light = result(out_radiance, "radiance", (count, 3)) if wants_radiance else None
-        _check_apart(wi, pdf, light)
-        self._native.sample(n, wo, surface, u, _seed(seed), wi, pdf, light)
-        return Draws(wi, pdf, light)
+        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
+        u = _uniform(u)
+        draws = _results(_count(count, *_arrays(at), u), radiance, out, self._native)
+        self._native.sample(at, u, _seed(seed), tuple(draws))
+        return draws
 
-    def pdf(self, wi, n, wo=None, alpha=None, f0=None, *, out=None):
+    def pdf(self, wi, n, wo=None, alpha=None, f0=None, *, out=None, p=None, roughness=None, metallic=None, base_color=None):
         """Returns the solid-angle pdfs [count] of unit directions under `sample`."""
-        n, wo, surface = _points(n, wo, alpha, f0)
+        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
         wi = rows(wi, "wi", 3)
-        count = _count(None, n, wo, *(surface or ()), wi)
-        if len(wi) != count:
-            wi = np.ascontiguousarray(np.broadcast_to(wi, (count, 3)))
+        count = _count(None, *_arrays(at), wi)
         out = result(out, "pdf", (count,))
-        self._native.pdf(n, wo, surface, wi, out)
+        self._native.pdf(at, _for_all(wi, count), out)
         return out
+
+    def prepare(self, n, wo=None, alpha=None, f0=None, *, count=None, p=None, roughness=None, metallic=None, base_color=None):
+        """Returns points with which `sample` and `pdf` cost less, as `PreparedPoints`; arguments as for `sample`."""
+        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
+        return PreparedPoints(self._native.prepare(at, _count(count, *_arrays(at))))
 
     def save(self, path):
         """Writes the sampler's file; only samplers of `bake`, `fit` and `open` have one."""
@@ -79,6 +79,30 @@ class Sampler:
 
     def __repr__(self):
         return f"Sampler({self._native.name!r})"
+
+
+class PreparedPoints:
+    """Points prepared for a sampler by `Sampler.prepare`."""
+
+    def __init__(self, native):
+        if not isinstance(native, _native.Prepared):
+            raise TypeError("use Sampler.prepare")
+        self._native = native
+
+    def __len__(self):
+        return self._native.count
+
+    def sample(self, u=None, *, seed=0, radiance=True, out=None):
+        """Samples a direction per point, as `Sampler.sample`."""
+        draws = _results(len(self), radiance, out, self._native)
+        self._native.sample(_uniform(u), _seed(seed), tuple(draws))
+        return draws
+
+    def pdf(self, wi, *, out=None):
+        """Returns the solid-angle pdfs [count] of unit directions under `sample`."""
+        out = result(out, "pdf", (len(self),))
+        self._native.pdf(_for_all(rows(wi, "wi", 3), len(self)), out)
+        return out
 
 
 def bake(source, *, normals=(16, 32), cells=(32, 32), tail="hierarchical"):
@@ -90,14 +114,46 @@ def bake(source, *, normals=(16, 32), cells=(32, 32), tail="hierarchical"):
     return Sampler(_native.Sampler.direct(environment(source)._native, _grid(normals, "normals"), _grid(cells, "cells"), tail))
 
 
-def _points(n, wo, alpha, f0):
+def _points(n, wo, alpha, f0, p, roughness, metallic, base_color):
+    """Returns positions, normals, directions to the viewer, and the arrays of surfaces that are not diffuse."""
     n = rows(n, "n", 3)
-    wo = None if wo is None else rows(wo, "wo", 3)
-    if alpha is None:
-        if f0 is not None:
-            raise _native.HeadtailError("f0: is for glossy surfaces: give alpha too")
-        return n, wo, None
-    return n, wo, (numbers(alpha, "alpha"), numbers(1.0 if f0 is None else f0, "f0"))
+    wo, p = (None if given is None else rows(given, name, 3) for given, name in ((wo, "wo"), (p, "p")))
+    if alpha is not None and roughness is not None:
+        raise _native.HeadtailError("roughness: is of other surfaces than alpha")
+    if alpha is None and f0 is not None:
+        raise _native.HeadtailError("f0: is for glossy surfaces: give alpha too")
+    if roughness is None and (metallic is not None or base_color is not None):
+        raise _native.HeadtailError("metallic and base_color: are for surfaces of glTF: give roughness too")
+    if alpha is not None:
+        return p, n, wo, (numbers(alpha, "alpha"), numbers(1.0 if f0 is None else f0, "f0"))
+    if roughness is not None:
+        color = rows([1.0, 1.0, 1.0] if base_color is None else base_color, "base_color", 3)
+        return p, n, wo, (color, numbers(0.0 if metallic is None else metallic, "metallic"), numbers(roughness, "roughness"))
+    return p, n, wo, None
+
+
+def _arrays(at):
+    """Returns all arrays of points."""
+    p, n, wo, surface = at
+    return p, n, wo, *(surface or ())
+
+
+def _uniform(u):
+    return None if u is None else rows(u, "u", 2)
+
+
+def _for_all(wi, count):
+    return wi if len(wi) == count else np.ascontiguousarray(np.broadcast_to(wi, (count, 3)))
+
+
+def _results(count, radiance, out, native):
+    """Returns the arrays of draws; that of radiance if it is wanted and there is a map."""
+    out_wi, out_pdf, out_radiance = out or (None, None, None)
+    wi, pdf = result(out_wi, "wi", (count, 3)), result(out_pdf, "pdf", (count,))
+    wants_radiance = out_radiance is not None or (radiance and native.has_map)
+    light = result(out_radiance, "radiance", (count, 3)) if wants_radiance else None
+    _check_apart(wi, pdf, light)
+    return Draws(wi, pdf, light)
 
 
 def _count(count, *arrays):

@@ -25,6 +25,6 @@ mod _native {
         environment::Environment,
         error::HeadtailError,
         render::{Scene, render},
-        sampler::Sampler,
+        sampler::{Prepared, Sampler},
     };
 }

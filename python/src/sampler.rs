@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::Arc};
 use headtail_eval::OpenedView;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    batch::{self, DrawList, Numbers, PointList, SurfaceList},
+    batch::{self, DrawList, Numbers, PointList, PreparedPoints, SurfaceList},
     environment,
     estimator::{Estimator, SingleSample},
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
@@ -63,7 +63,7 @@ impl Sampler {
         py.detach(|| {
             match &own.spec {
                 Some(spec) if spec.has_pdf() => own.sampler = Some(spec.build_sampler(&own.map)?),
-                // Precomputed visibility is checked against the scene when it is rendered.
+                // Visibility in a file with several directions is checked against the scene when it is rendered.
                 Some(spec) if !matches!(spec.visibility(), Visibility::File(_)) => drop(spec.build(&own.map)?),
                 _ => {}
             }
@@ -119,7 +119,8 @@ impl Sampler {
 
     /// Returns the named arrays that implementations on other devices read.
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let spec = self.spec.as_ref().map(|spec| spec.resolved(false)).filter(SamplerSpec::has_pdf);
+        let is_pointwise = |spec: &SamplerSpec| spec.has_pdf() && *spec.visibility() == Visibility::None;
+        let spec = self.spec.as_ref().map(|spec| spec.resolved(false)).filter(is_pointwise);
         let patches =
             spec.and_then(|spec| if let Source::Patches(detail) = spec.source() { Some(*detail) } else { None });
         let arrays = py.detach(|| match (patches, &self.exported) {
@@ -162,49 +163,96 @@ impl Sampler {
         py.detach(|| exported.write(&path)).map_err(of_render)
     }
 
-    #[pyo3(signature = (n, wo, surface, u, seed, wi, pdf, radiance))]
-    #[expect(clippy::too_many_arguments, reason = "the arrays of one call")]
     fn sample(
         &self,
         py: Python<'_>,
-        n: Rows<'_>,
-        wo: Option<Rows<'_>>,
-        surface: Option<(List<'_>, List<'_>)>,
+        at: Points<'_>,
         u: Option<Rows<'_>>,
         seed: u64,
-        mut wi: PyReadwriteArray2<'_, f32>,
-        mut pdf: PyReadwriteArray1<'_, f32>,
-        mut radiance: Option<PyReadwriteArray2<'_, f32>>,
+        mut out: Drawn<'_>,
     ) -> PyResult<()> {
-        let sampler = self.closed()?;
-        let at = PointList { n: rows(&n)?, wo: optional(&wo)?, surface: surface_of(&surface)? };
-        let numbers = match &u {
-            Some(u) => Numbers::Given(rows(u)?),
-            None => Numbers::Seed(seed),
-        };
-        let radiance = match &mut radiance {
-            Some(_) if !self.has_map => return Err(refused(format!("{}: was opened without its map", self.name))),
-            Some(list) => Some((&*self.map, list.as_slice_mut()?.as_chunks_mut().0)),
-            None => None,
-        };
-        let out = DrawList { wi: wi.as_slice_mut()?.as_chunks_mut().0, pdf: pdf.as_slice_mut()?, radiance };
-        py.detach(|| batch::sample(sampler, &at, numbers, out)).map_err(of_render)
+        let (sampler, at, numbers) = (self.closed()?, self.list(&at)?, numbers(&u, seed)?);
+        let out = out.list(&self.name, self.has_map.then_some(&self.map))?;
+        py.detach(|| batch::sample(&**sampler, &at, numbers, out)).map_err(of_render)
     }
 
-    fn pdf(
-        &self,
-        py: Python<'_>,
-        n: Rows<'_>,
-        wo: Option<Rows<'_>>,
-        surface: Option<(List<'_>, List<'_>)>,
-        wi: Rows<'_>,
-        mut out: PyReadwriteArray1<'_, f32>,
-    ) -> PyResult<()> {
-        let sampler = self.closed()?;
-        let at = PointList { n: rows(&n)?, wo: optional(&wo)?, surface: surface_of(&surface)? };
+    fn pdf(&self, py: Python<'_>, at: Points<'_>, wi: Rows<'_>, mut out: PyReadwriteArray1<'_, f32>) -> PyResult<()> {
+        let (sampler, at) = (self.closed()?, self.list(&at)?);
         let (wi, out) = (rows(&wi)?, out.as_slice_mut()?);
-        py.detach(|| batch::pdf(sampler, &at, wi, out)).map_err(of_render)
+        py.detach(|| batch::pdf(&**sampler, &at, wi, out)).map_err(of_render)
     }
+
+    fn prepare(&self, py: Python<'_>, at: Points<'_>, count: usize) -> PyResult<Prepared> {
+        let (sampler, at) = (self.closed()?, self.list(&at)?);
+        let points = py.detach(|| PreparedPoints::new(sampler.clone(), &at, count)).map_err(of_render)?;
+        Ok(Prepared { points, name: self.name.clone(), map: self.has_map.then(|| self.map.clone()) })
+    }
+}
+
+/// Points prepared for a sampler.
+#[pyclass(frozen, module = "headtail._native")]
+pub struct Prepared {
+    points: PreparedPoints,
+    name: String,
+    map: Option<Arc<environment::Environment>>,
+}
+
+#[pymethods]
+impl Prepared {
+    #[getter]
+    fn count(&self) -> usize {
+        self.points.count()
+    }
+
+    #[getter]
+    fn has_map(&self) -> bool {
+        self.map.is_some()
+    }
+
+    fn sample(&self, py: Python<'_>, u: Option<Rows<'_>>, seed: u64, mut out: Drawn<'_>) -> PyResult<()> {
+        let (numbers, out) = (numbers(&u, seed)?, out.list(&self.name, self.map.as_ref())?);
+        py.detach(|| self.points.sample(numbers, out)).map_err(of_render)
+    }
+
+    fn pdf(&self, py: Python<'_>, wi: Rows<'_>, mut out: PyReadwriteArray1<'_, f32>) -> PyResult<()> {
+        let (wi, out) = (rows(&wi)?, out.as_slice_mut()?);
+        py.detach(|| self.points.pdf(wi, out)).map_err(of_render)
+    }
+}
+
+/// The arrays of shading points: positions, normals, directions to the viewer, and surfaces.
+#[derive(FromPyObject)]
+pub struct Points<'py>(Option<Rows<'py>>, Rows<'py>, Option<Rows<'py>>, Option<SurfaceArrays<'py>>);
+
+/// The arrays of surfaces that are not diffuse.
+#[derive(FromPyObject)]
+enum SurfaceArrays<'py> {
+    /// `alpha`, `f0`.
+    Glossy(List<'py>, List<'py>),
+    /// Base colours, metalness, roughness.
+    MetallicRoughness(Rows<'py>, List<'py>, List<'py>),
+}
+
+/// The arrays of draws: directions, pdfs and, if wanted, radiance.
+#[derive(FromPyObject)]
+pub struct Drawn<'py>(PyReadwriteArray2<'py, f32>, PyReadwriteArray1<'py, f32>, Option<PyReadwriteArray2<'py, f32>>);
+
+impl Drawn<'_> {
+    fn list<'a>(&'a mut self, name: &str, map: Option<&'a Arc<environment::Environment>>) -> PyResult<DrawList<'a>> {
+        let radiance = match (&mut self.2, map) {
+            (Some(list), Some(map)) => Some((&**map, list.as_slice_mut()?.as_chunks_mut().0)),
+            (Some(_), None) => return Err(refused(format!("{name}: was opened without its map"))),
+            (None, _) => None,
+        };
+        Ok(DrawList { wi: self.0.as_slice_mut()?.as_chunks_mut().0, pdf: self.1.as_slice_mut()?, radiance })
+    }
+}
+
+fn numbers<'a>(u: &'a Option<Rows<'_>>, seed: u64) -> PyResult<Numbers<'a>> {
+    Ok(match u {
+        Some(u) => Numbers::Given(rows(u)?),
+        None => Numbers::Seed(seed),
+    })
 }
 
 impl Sampler {
@@ -231,9 +279,28 @@ impl Sampler {
         Ok(Self { name, sampler: Some(sampler), map, has_map, spec: None, exported: Some(kept) })
     }
 
-    fn closed(&self) -> PyResult<&dyn sampler::Sampler> {
-        let sampler = self.sampler.as_deref();
-        sampler.ok_or_else(|| refused(format!("{}: has no pdf of its own; it can be rendered and compared", self.name)))
+    fn closed(&self) -> PyResult<&Arc<dyn sampler::Sampler>> {
+        self.sampler
+            .as_ref()
+            .ok_or_else(|| refused(format!("{}: has no pdf of its own; it can be rendered and compared", self.name)))
+    }
+
+    fn list<'a>(&self, Points(p, n, wo, surface): &'a Points<'_>) -> PyResult<PointList<'a>> {
+        if p.is_none() && self.spec.as_ref().is_some_and(SamplerSpec::needs_positions) {
+            return Err(refused(format!("p: {} depends on positions", self.name)));
+        }
+        let surface = match surface {
+            None => SurfaceList::Diffuse,
+            Some(SurfaceArrays::Glossy(alpha, f0)) => {
+                SurfaceList::Glossy { alpha: alpha.as_slice()?, f0: f0.as_slice()? }
+            }
+            Some(SurfaceArrays::MetallicRoughness(color, metallic, roughness)) => SurfaceList::MetallicRoughness {
+                base_color: rows(color)?,
+                metallic: metallic.as_slice()?,
+                roughness: roughness.as_slice()?,
+            },
+        };
+        Ok(PointList { p: optional(p)?, n: rows(n)?, wo: optional(wo)?, surface })
     }
 
     /// Returns the estimator for a rendering.
@@ -246,7 +313,9 @@ impl Sampler {
             return Err(refused(format!("{}: was made for another map than {given}", self.name)));
         }
         match (&self.sampler, &self.spec) {
-            (_, Some(spec)) if *spec.source() == Source::Auto => view.estimator(spec).map_err(of_eval),
+            (_, Some(spec)) if *spec.source() == Source::Auto || spec.needs_positions() => {
+                view.estimator(spec).map_err(of_eval)
+            }
             (Some(sampler), _) => {
                 let sampler = Covering::new(sampler.clone()).map_err(of_render)?;
                 Ok(Box::new(SingleSample::new(sampler, self.map.clone())))
@@ -259,11 +328,4 @@ impl Sampler {
 
 fn optional<'a>(array: &'a Option<Rows<'_>>) -> PyResult<&'a [[f32; 3]]> {
     array.as_ref().map_or(Ok(&[]), rows)
-}
-
-fn surface_of<'a>(surface: &'a Option<(List<'_>, List<'_>)>) -> PyResult<SurfaceList<'a>> {
-    Ok(match surface {
-        Some((alpha, f0)) => SurfaceList::Glossy { alpha: alpha.as_slice()?, f0: f0.as_slice()? },
-        None => SurfaceList::Diffuse,
-    })
 }

@@ -1,5 +1,8 @@
 """Fixtures of all tests."""
 
+import os
+import pathlib
+
 import numpy as np
 import pytest
 
@@ -19,6 +22,16 @@ def patches(studio):
 @pytest.fixture(scope="session")
 def table(studio):
     return headtail.bake(studio)
+
+
+@pytest.fixture(scope="session")
+def program():
+    """The command line."""
+    folder = os.environ.get("CARGO_TARGET_DIR", pathlib.Path.home() / ".cache" / "headtail-target")
+    program = pathlib.Path(folder) / "release" / "headtail"
+    if not program.exists():
+        pytest.skip(f"{program} is not built")
+    return program
 
 
 def directions(count, seed):

@@ -2,7 +2,6 @@
 
 import json
 import os
-import pathlib
 import signal
 import subprocess
 import threading
@@ -52,16 +51,6 @@ def test_references_can_be_given(studio, table):
 def test_budgets_of_time_are_met(studio):
     rows, _ = headtail.compare("sphere", studio, ["mis"], spp=(), seconds=(0.02,), runs=2, reference_spp=16, **SIZE)
     assert list(rows["budget"]) == ["0.02s"] * 2 and (rows["spp"] >= 1).all() and (rows["preparation"] > 0).all()
-
-
-@pytest.fixture(scope="session")
-def program():
-    """The command line."""
-    folder = os.environ.get("CARGO_TARGET_DIR", pathlib.Path.home() / ".cache" / "headtail-target")
-    program = pathlib.Path(folder) / "release" / "headtail"
-    if not program.exists():
-        pytest.skip(f"{program} is not built")
-    return program
 
 
 def test_numbers_are_those_of_the_command_line(studio, program, tmp_path):

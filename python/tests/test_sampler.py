@@ -42,6 +42,34 @@ def test_the_pdf_of_a_draw_is_that_of_its_direction(patches, surface):
     assert np.quantile(np.abs(again / draws.pdf[drawn] - 1), 0.999) < 1e-2
 
 
+@pytest.mark.parametrize("surface", [{}, {"alpha": 0.2}, {"roughness": 0.4, "metallic": 0.5, "base_color": [0.9, 0.5, 0.1]}])
+def test_prepared_points_give_the_same_draws(patches, surface):
+    n, u = directions(3000, 1), uniform(3000, 2)
+    prepared = patches.prepare(n, **surface)
+    assert len(prepared) == 3000
+    once, again = patches.sample(n, u=u, **surface), prepared.sample(u)
+    assert all(np.array_equal(a, b) for a, b in zip(once, again))
+    wi = directions(3000, 4)
+    assert np.array_equal(patches.pdf(wi, n, **surface), prepared.pdf(wi))
+    assert np.array_equal(patches.sample(n, seed=5, **surface).wi, prepared.sample(seed=5).wi)
+    with pytest.raises(HeadtailError, match="wi: has 10 rows; 3000"):
+        prepared.pdf(wi[:10])
+    with pytest.raises(TypeError, match="use Sampler.prepare"):
+        headtail.PreparedPoints(patches)
+
+
+def test_samplers_with_positions_ask_for_them(studio, tmp_path):
+    window = tmp_path / "window.json"
+    window.write_text('{"portals": [{"center": [2, 1.5, 0], "normal": [-1, 0, 0], "up": [0, 1, 0], "width": 1.5, "height": 1}]}')
+    sampler = Sampler.from_spec(f"portals+mis:{window}", studio)
+    n = np.array([[0, 1, 0]], np.float32)
+    with pytest.raises(HeadtailError, match="p: .* depends on positions"):
+        sampler.sample(n)
+    wi = np.array([[0.9, 0.436, 0]], np.float32)
+    near, far = (sampler.pdf(wi, n, p=[[x, 1, 0]])[0] for x in (1.5, -2))
+    assert near != far
+
+
 def test_results_are_written_to_out(patches):
     n = directions(1000, 1)
     expected = patches.sample(n, seed=5)
@@ -138,6 +166,11 @@ def test_invalid_arguments_raise_with_a_message(patches, studio, tmp_path):
         (lambda: patches.sample(n, wo=n[:4]), "wo: has 4 rows; 10, or 1 for all"),
         (lambda: patches.sample(n, alpha=0), "alpha: row 0 is 0"),
         (lambda: patches.sample(n, f0=0.5), "f0: is for glossy surfaces"),
+        (lambda: patches.sample(n, metallic=0.5), "give roughness too"),
+        (lambda: patches.sample(n, alpha=0.5, roughness=0.5), "roughness: is of other surfaces"),
+        (lambda: patches.sample(n, roughness=2), "roughness: row 0 is 2"),
+        (lambda: patches.sample(n, p=n[:4]), "p: has 4 rows"),
+        (lambda: patches.sample(n, p=n * np.inf), "p: row 0 is .* not finite"),
         (lambda: patches.sample(n, u=np.ones((10, 2))), "u: row 0"),
         (lambda: patches.sample(n, u=np.zeros((10, 2), complex)), "u: holds complex128"),
         (lambda: patches.sample(["a"] * 3), "n: holds"),

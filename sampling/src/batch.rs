@@ -2,20 +2,21 @@
 //!
 //! All input is checked, since it comes from outside the program. Errors name the list and the row.
 
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 
 use crate::parallel::*;
 use glam::{Vec3, Vec3A};
 
 use crate::{
-    brdf::{Ggx, Lambert, Surface},
+    brdf::{BrdfTable, Ggx, Lambert, MetallicRoughness, Surface},
     columns::Arena,
     environment::Environment,
     error::{Error, Result},
+    memory,
     points::{Dimension, PointSet, Points},
     sampler::{Draws, Sampler, prepared},
-    simd::Lanes,
-    tile::{ShadingPoint, Tile},
+    simd::{LANES, Lanes},
+    tile::{Rows, ShadingPoint, Tile},
 };
 
 /// Points per thread and step.
@@ -35,11 +36,23 @@ pub enum SurfaceList<'a> {
         /// Reflectances at normal incidence, in `[0, 1]`.
         f0: &'a [f32],
     },
+    /// Metallic-roughness surfaces of glTF.
+    MetallicRoughness {
+        /// Base colours per channel, linear Rec.709, in `[0, 1]`.
+        base_color: &'a [[f32; 3]],
+        /// Metalness, in `[0, 1]`.
+        metallic: &'a [f32],
+        /// Roughness, the square root of the width, in `[0, 1]`.
+        roughness: &'a [f32],
+    },
 }
 
 /// Shading points; lists have one entry for all points, or one per point.
 #[derive(Clone, Copy, Debug)]
 pub struct PointList<'a> {
+    /// Positions in metres; if empty, the origin, which suffices for samplers that ignore them (see
+    /// [`SamplerSpec::needs_positions`](crate::spec::SamplerSpec::needs_positions)).
+    pub p: &'a [[f32; 3]],
     /// Unit shading normals in world space.
     pub n: &'a [[f32; 3]],
     /// Unit directions to the viewer. If empty (for samplers that ignore them), the normals are used.
@@ -74,8 +87,17 @@ pub struct DrawList<'a> {
 /// [`Error::Argument`] if a list has the wrong length, a vector is not of unit length, or a number is
 /// out of range.
 pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
+    at.check_lengths(out.pdf.len())?;
+    each_tile(numbers, out, |work: &mut Workspace, first, out| work.sample(sampler, at, first, numbers, out))
+}
+
+/// Calls `work` with the first point of each tile and its part of `out`.
+fn each_tile<W: Default>(
+    numbers: Numbers<'_>,
+    out: DrawList<'_>,
+    work: impl Fn(&mut W, usize, DrawList<'_>) -> Result<()> + Sync,
+) -> Result<()> {
     let count = out.pdf.len();
-    at.check_lengths(count)?;
     check_length("wi", out.wi.len(), count)?;
     let (map, radiance) = out.radiance.unzip();
     if let Some(radiance) = &radiance {
@@ -89,13 +111,10 @@ pub fn sample(sampler: &dyn Sampler, at: &PointList<'_>, numbers: Numbers<'_>, o
     let radiance = radiance.into_iter().chain(std::iter::repeat_with(|| None));
     let parts = out.wi.chunks_mut(TILE).zip(out.pdf.chunks_mut(TILE)).zip(radiance).enumerate();
     let first_error = Mutex::new(None);
-    parts.collect::<Vec<_>>().into_par_iter().for_each_init(
-        Workspace::default,
-        |work, (index, ((wi, pdf), radiance))| {
-            let out = DrawList { wi, pdf, radiance: map.zip(radiance) };
-            keep_first(&first_error, index, work.sample(sampler, at, index * TILE, numbers, out));
-        },
-    );
+    parts.collect::<Vec<_>>().into_par_iter().for_each_init(W::default, |own, (index, ((wi, pdf), radiance))| {
+        let out = DrawList { wi, pdf, radiance: map.zip(radiance) };
+        keep_first(&first_error, index, work(own, index * TILE, out));
+    });
     result_of(first_error)
 }
 
@@ -112,6 +131,77 @@ pub fn pdf(sampler: &dyn Sampler, at: &PointList<'_>, wi: &[[f32; 3]], out: &mut
         keep_first(&first_error, index, work.pdf(sampler, at, index * TILE, wi, out));
     });
     result_of(first_error)
+}
+
+/// Shading points with the state of a sampler, which draws from them and evaluates their pdfs any number of times:
+/// a renderer with MIS does both at every point.
+pub struct PreparedPoints {
+    sampler: Arc<dyn Sampler>,
+    count: usize,
+    tiles: Vec<(Tile, Vec<Lanes>)>,
+}
+
+impl PreparedPoints {
+    /// Bytes of a point besides the sampler's state.
+    const POINT_BYTES: u64 = 160;
+
+    /// Prepares `count` points: copies them, and computes what the sampler needs of each (for patches, 300 bytes).
+    ///
+    /// # Errors
+    /// As [`sample`].
+    pub fn new(sampler: Arc<dyn Sampler>, at: &PointList<'_>, count: usize) -> Result<Self> {
+        at.check_lengths(count)?;
+        let bytes = 4 * sampler.columns() as u64 + Self::POINT_BYTES;
+        // Asking the system takes longer than preparing a few points.
+        if count > TILE {
+            memory::require((count as u64).saturating_mul(bytes), || format!("{count} prepared points"))?;
+        }
+        let tile_at = |first: usize| {
+            let (mut tile, arena) = (Tile::default(), Arena::default());
+            at.fill(&mut tile, first, TILE.min(count - first))?;
+            let mut state = vec![[0.0; LANES]; sampler.columns() * tile.rows().strips()];
+            sampler.prepare(&tile.rows(), &mut state, &arena);
+            Ok((tile, state))
+        };
+        let tiles: Vec<Result<_>> =
+            (0..count.div_ceil(TILE)).into_par_iter().map(|index| tile_at(index * TILE)).collect();
+        let tiles = tiles.into_iter().collect::<Result<_>>()?;
+        Ok(Self { sampler, count, tiles })
+    }
+
+    /// Returns the number of points.
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Draws one direction per point, the same as [`sample`].
+    ///
+    /// # Errors
+    /// As [`sample`].
+    pub fn sample(&self, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
+        check_length("pdf", out.pdf.len(), self.count)?;
+        each_tile(numbers, out, |arena: &mut Arena, first, out| {
+            let (tile, state) = &self.tiles[first / TILE];
+            draw(&*self.sampler, &tile.rows(), state, (first, numbers), out, arena)
+        })
+    }
+
+    /// Evaluates the solid-angle pdfs of unit directions, one per point, the same as [`pdf`].
+    ///
+    /// # Errors
+    /// As [`sample`].
+    pub fn pdf(&self, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
+        check_length("pdf", out.len(), self.count)?;
+        check_length("wi", wi.len(), self.count)?;
+        let first_error = Mutex::new(None);
+        let parts = out.par_chunks_mut(TILE).zip(wi.par_chunks(TILE)).enumerate();
+        parts.for_each_init(Arena::default, |arena, (index, (out, wi))| {
+            let (tile, state) = &self.tiles[index];
+            let result = evaluate(&*self.sampler, &tile.rows(), state, (index * TILE, wi), out, arena);
+            keep_first(&first_error, index, result);
+        });
+        result_of(first_error)
+    }
 }
 
 /// Looks up the radiance of a map from unit directions.
@@ -186,12 +276,31 @@ fn entry<T: Copy>(list: &[T], place: usize) -> T {
 impl PointList<'_> {
     fn check_lengths(&self, count: usize) -> Result<()> {
         check_shared_length("n", self.n.len(), count)?;
-        if !self.wo.is_empty() {
-            check_shared_length("wo", self.wo.len(), count)?;
+        for (name, list) in [("p", self.p), ("wo", self.wo)] {
+            if !list.is_empty() {
+                check_shared_length(name, list.len(), count)?;
+            }
         }
-        if let SurfaceList::Glossy { alpha, f0 } = self.surface {
-            check_shared_length("alpha", alpha.len(), count)?;
-            check_shared_length("f0", f0.len(), count)?;
+        match self.surface {
+            SurfaceList::Diffuse => {}
+            SurfaceList::Glossy { alpha, f0 } => {
+                check_shared_length("alpha", alpha.len(), count)?;
+                check_shared_length("f0", f0.len(), count)?;
+            }
+            SurfaceList::MetallicRoughness { base_color, metallic, roughness } => {
+                check_shared_length("base_color", base_color.len(), count)?;
+                check_shared_length("metallic", metallic.len(), count)?;
+                check_shared_length("roughness", roughness.len(), count)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Fills a tile with `count` points from `first` on.
+    fn fill(&self, tile: &mut Tile, first: usize, count: usize) -> Result<()> {
+        tile.clear(&BrdfTable::default());
+        for place in first..first + count {
+            tile.push(&self.point(place)?, place as u32);
         }
         Ok(())
     }
@@ -203,6 +312,15 @@ impl PointList<'_> {
                 let alpha = check_range("alpha", place, entry(alpha, place), Ggx::MIN_ALPHA)?;
                 Ggx::new(alpha, Vec3::splat(check_range("f0", place, entry(f0, place), 0.0)?)).into()
             }
+            SurfaceList::MetallicRoughness { base_color, metallic, roughness } => {
+                let color = entry(base_color, place);
+                for channel in color {
+                    check_range("base_color", place, channel, 0.0)?;
+                }
+                let metallic = check_range("metallic", place, entry(metallic, place), 0.0)?;
+                let roughness = check_range("roughness", place, entry(roughness, place), 0.0)?;
+                MetallicRoughness::new(Vec3::from_array(color), metallic, roughness).into()
+            }
         })
     }
 
@@ -211,8 +329,15 @@ impl PointList<'_> {
         check_unit("n", place, n)?;
         let wo = if self.wo.is_empty() { n } else { entry(self.wo, place) };
         check_unit("wo", place, wo)?;
-        let (n, wo) = (Vec3A::from_array(n), Vec3A::from_array(wo));
-        Ok(ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface: self.surface(place)? })
+        let p = if self.p.is_empty() { [0.0; 3] } else { entry(self.p, place) };
+        if !p.iter().all(|number| number.is_finite()) {
+            return Err(Error::argument(
+                "p",
+                format!("row {place} is ({}, {}, {}), which is not finite", p[0], p[1], p[2]),
+            ));
+        }
+        let [p, n, wo] = [p, n, wo].map(Vec3A::from_array);
+        Ok(ShadingPoint { p, ng: n, ns: n, wo, surface: self.surface(place)? })
     }
 }
 
@@ -224,16 +349,6 @@ struct Workspace {
 }
 
 impl Workspace {
-    /// Fills the tile with `count` points from `first` on.
-    fn fill(&mut self, at: &PointList<'_>, first: usize, count: usize) -> Result<()> {
-        let brdfs = Default::default();
-        self.tile.clear(&brdfs);
-        for place in first..first + count {
-            self.tile.push(&at.point(place)?, place as u32);
-        }
-        Ok(())
-    }
-
     fn sample(
         &mut self,
         sampler: &dyn Sampler,
@@ -242,45 +357,9 @@ impl Workspace {
         numbers: Numbers<'_>,
         out: DrawList<'_>,
     ) -> Result<()> {
-        let count = out.pdf.len();
-        self.fill(at, first, count)?;
+        at.fill(&mut self.tile, first, out.pdf.len())?;
         let (rows, arena) = (self.tile.rows(), &self.arena);
-        let mut columns = arena.columns::<9>(rows.strips());
-        let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
-        match numbers {
-            Numbers::Given(list) => {
-                for (k, &[a, b]) in list[first..first + count].iter().enumerate() {
-                    if !((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b)) {
-                        let reason = format!("row {} is ({a}, {b}), which is not in [0, 1)", first + k);
-                        return Err(Error::argument("u", reason));
-                    }
-                    (u.as_flattened_mut()[k], v.as_flattened_mut()[k]) = (a, b);
-                }
-            }
-            Numbers::Seed(seed) => {
-                // Keys have 32 bits: longer lists continue with other samples of the same keys.
-                let sample = (first >> 32) as u32;
-                let points = Points::new(PointSet::Independent, seed).at_sample(sample);
-                points.draw(Dimension::Light(0), &rows, [&mut *u, &mut *v]);
-            }
-        }
-        prepared(sampler, &rows, arena, |state| {
-            let draws = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
-            sampler.sample(&rows, state, [u, v], draws, arena);
-        });
-        out.pdf.copy_from_slice(&pdf.as_flattened()[..count]);
-        interleave([&*x, y, z].map(<[Lanes]>::as_flattened), out.pdf, out.wi);
-        if let Some((map, list)) = out.radiance {
-            // Directions with pdf 0 are arbitrary: look up any valid one; `interleave` zeroes the result.
-            for (k, pdf) in out.pdf.iter().enumerate() {
-                if *pdf <= 0.0 {
-                    (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (0.0, 1.0, 0.0);
-                }
-            }
-            map.radiances([x, y, z], [&mut *red, &mut *green, &mut *blue]);
-            interleave([&*red, green, blue].map(<[Lanes]>::as_flattened), out.pdf, list);
-        }
-        Ok(())
+        prepared(sampler, &rows, arena, |state| draw(sampler, &rows, state, (first, numbers), out, arena))
     }
 
     fn pdf(
@@ -291,18 +370,76 @@ impl Workspace {
         wi: &[[f32; 3]],
         out: &mut [f32],
     ) -> Result<()> {
-        self.fill(at, first, out.len())?;
+        at.fill(&mut self.tile, first, out.len())?;
         let (rows, arena) = (self.tile.rows(), &self.arena);
-        let mut columns = arena.columns::<4>(rows.strips());
-        let [x, y, z, pdf] = columns.get_mut();
-        for (k, w) in wi.iter().enumerate() {
-            check_unit("wi", first + k, *w)?;
-            (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (w[0], w[1], w[2]);
-        }
-        prepared(sampler, &rows, arena, |state| sampler.pdf(&rows, state, [x, y, z], pdf, arena));
-        out.copy_from_slice(&pdf.as_flattened()[..out.len()]);
-        Ok(())
+        prepared(sampler, &rows, arena, |state| evaluate(sampler, &rows, state, (first, wi), out, arena))
     }
+}
+
+/// Draws for prepared rows, whose first one has the index `first` in the list.
+fn draw(
+    sampler: &dyn Sampler,
+    rows: &Rows<'_>,
+    state: &[Lanes],
+    (first, numbers): (usize, Numbers<'_>),
+    out: DrawList<'_>,
+    arena: &Arena,
+) -> Result<()> {
+    let count = rows.len();
+    let mut columns = arena.columns::<9>(rows.strips());
+    let [u, v, x, y, z, pdf, red, green, blue] = columns.get_mut();
+    match numbers {
+        Numbers::Given(list) => {
+            for (k, &[a, b]) in list[first..first + count].iter().enumerate() {
+                if !((0.0..1.0).contains(&a) && (0.0..1.0).contains(&b)) {
+                    let reason = format!("row {} is ({a}, {b}), which is not in [0, 1)", first + k);
+                    return Err(Error::argument("u", reason));
+                }
+                (u.as_flattened_mut()[k], v.as_flattened_mut()[k]) = (a, b);
+            }
+        }
+        Numbers::Seed(seed) => {
+            // Keys have 32 bits: longer lists continue with other samples of the same keys.
+            let sample = (first >> 32) as u32;
+            let points = Points::new(PointSet::Independent, seed).at_sample(sample);
+            points.draw(Dimension::Light(0), rows, [&mut *u, &mut *v]);
+        }
+    }
+    let draws = Draws { wi: [&mut *x, &mut *y, &mut *z], pdf: &mut *pdf };
+    sampler.sample(rows, state, [u, v], draws, arena);
+    out.pdf.copy_from_slice(&pdf.as_flattened()[..count]);
+    interleave([&*x, y, z].map(<[Lanes]>::as_flattened), out.pdf, out.wi);
+    if let Some((map, list)) = out.radiance {
+        // Directions with pdf 0 are arbitrary: look up any valid one; `interleave` zeroes the result.
+        for (k, pdf) in out.pdf.iter().enumerate() {
+            if *pdf <= 0.0 {
+                (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (0.0, 1.0, 0.0);
+            }
+        }
+        map.radiances([x, y, z], [&mut *red, &mut *green, &mut *blue]);
+        interleave([&*red, green, blue].map(<[Lanes]>::as_flattened), out.pdf, list);
+    }
+    Ok(())
+}
+
+/// Evaluates pdfs for prepared rows, whose first one has the index `first` in the list.
+fn evaluate(
+    sampler: &dyn Sampler,
+    rows: &Rows<'_>,
+    state: &[Lanes],
+    (first, wi): (usize, &[[f32; 3]]),
+    out: &mut [f32],
+    arena: &Arena,
+) -> Result<()> {
+    let mut columns = arena.columns::<4>(rows.strips());
+    let [x, y, z, pdf] = columns.get_mut();
+    for (k, w) in wi.iter().enumerate() {
+        check_unit("wi", first + k, *w)?;
+        (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (w[0], w[1], w[2]);
+    }
+    sampler.pdf(rows, state, [x, y, z], pdf, arena);
+    out.copy_from_slice(&pdf.as_flattened()[..out.len()]);
+    Ok(())
 }
 
 /// Converts columns to rows; zeros where there is no sample.

@@ -53,7 +53,7 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     let u: Vec<[f32; 2]> = queries.iter().map(|q| [q.u, q.v]).collect();
     let given: Vec<[f32; 3]> = queries.iter().map(|q| [q.wi[0], q.wi[1], q.wi[2]]).collect();
     let surface = if glossy { SurfaceList::Glossy { alpha: &alphas, f0: &[1.0] } } else { SurfaceList::Diffuse };
-    let at = PointList { n: &n, wo: &wo, surface };
+    let at = PointList { p: &[], n: &n, wo: &wo, surface };
     let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
     batch::pdf(sampler, &at, &given, &mut of_given).unwrap();

@@ -76,7 +76,7 @@ impl Arguments {
         memory::require_pictures(opened.part().width, opened.part().height, 0)?;
         let map = &opened.environment;
         let estimator = LearnedVisibility::new(map.clone(), Detail::Leaves, opened.visibility_bytes())?;
-        let resumed = |file| SceneVisibility::open(file, &opened.scene().geometry_hash(), map);
+        let resumed = |file| SceneVisibility::open(file, Some(&opened.scene().geometry_hash()), map);
         let before = self.resume.as_ref().map(|file| resumed(file)).transpose()?;
         // Samples differ from those of the resumed file, even with an equal seed.
         let seed = self.seed ^ before.as_ref().map_or(0, SceneVisibility::rays);

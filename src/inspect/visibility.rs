@@ -67,7 +67,7 @@ pub fn inspect(arguments: &Arguments, file: &Path, map: &str) -> Result<(Chart, 
     if arguments.ground {
         scene.add_ground();
     }
-    let visibility = SceneVisibility::open(file, &scene.geometry_hash(), &environment)?;
+    let visibility = SceneVisibility::open(file, Some(&scene.geometry_hash()), &environment)?;
     let light = EnvironmentLight::new(environment.clone(), TailKind::Hierarchical)?;
     let patches = PatchSampler::new(light, Detail::Leaves)?;
     let precomputed = PrecomputedVisibility::new(&visibility, &patches.division(), usize::MAX)?;

@@ -57,6 +57,7 @@ fn writing<'a>() -> Vec<Writing<'a>> {
         ("chart compare --out chart.html".into(), ("compare", "./compare"), &["chart.html"]),
         ("inspect bake/table --out inspect.svg".into(), (" --out", " --normal 1,0,0 --out"), &["inspect.svg"]),
         ("export bake/table --target wgsl --out shader".into(), ("bake", "./bake"), &["shader/headtail.wgsl", "shader/layout.json", "shader/floats.bin"]),
+        ("conformance --out kit".into(), ("", ""), &["kit/kit.json", "kit/map.f32", "kit/table.f32"]),
         ("autosize --env overcast --scene sphere --width 16 --height 12 --prepare-seconds 1 --render-seconds 2 --out auto".into(), ("seconds 2", "seconds 3"), &["auto/autosize.html"]),
         ("sweep run space.toml --threads 1".into(), ("", ""), &["space.sweep/journal"]),
         ("sweep collect space.toml --file trials.csv".into(), ("space.", "./space."), &["trials.csv"]),
@@ -162,6 +163,7 @@ fn unwritable_outputs_are_reported_before_the_work() {
         "compare --scene temple --env overcast --samplers mis --spp 100000 --out file",
         "chart compare --out file/a.html",
         "export patches --env overcast --target wgsl --out file",
+        "conformance --out file",
         "inspect table --out file/a.svg",
         "autosize --env overcast --scene temple --out file",
         "sweep run space.toml --out file",
@@ -304,7 +306,19 @@ fn long_work_is_announced() {
         "composite --photo view.exr --camera view.fspy --env overcast --scene sphere --size 0.8 --spp 100000 --out both".into(),
     ];
     // Commands that take seconds or a given time; the help of `demo` states its two minutes.
-    let short = ["autosize", "chart", "completions", "demo", "export", "info", "inspect", "live", "material", "view"];
+    let short = [
+        "autosize",
+        "chart",
+        "completions",
+        "conformance",
+        "demo",
+        "export",
+        "info",
+        "inspect",
+        "live",
+        "material",
+        "view",
+    ];
     let mut listed = first_words(cases.iter().map(String::as_str));
     listed.extend(short.map(str::to_owned));
     assert_eq!(listed, commands());

@@ -79,7 +79,7 @@ fn cases<'a>() -> Vec<Case<'a>> {
 }
 
 /// Commands with `--out` whose inputs are built in, or files of a given name in a folder.
-const WITHOUT_INPUTS: [&str; 2] = ["fit-material", "stability"];
+const WITHOUT_INPUTS: [&str; 3] = ["conformance", "fit-material", "stability"];
 
 fn write_inputs(path: &Path) {
     let pixels = (0..32 * 16).map(|k| [1.0 + k as f32 * 0.01; 3]).collect();

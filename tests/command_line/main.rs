@@ -148,6 +148,7 @@ fn the_help_of_every_command_ends_with_examples() {
         "render",
         "compare",
         "chart",
+        "conformance",
         "inspect",
         "material",
         "stability",

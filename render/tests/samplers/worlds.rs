@@ -140,7 +140,7 @@ impl World {
     fn new(environment: &Arc<Environment>, kind: TailKind) -> Self {
         let light = EnvironmentLight::new(environment.clone(), kind).unwrap();
         let emitter = || EmitterSampler::new(light.clone());
-        let compensated = || EmitterSampler::compensated(&light).unwrap();
+        let compensated = || EmitterSampler::compensated(environment, kind).unwrap();
         let direct = |normals: [usize; 2], cells: [usize; 2]| {
             let normals = NormalGrid::new(normals[0], normals[1]).unwrap();
             direct_bake(light.tail(), normals, CellGrid::new(cells[0], cells[1]).unwrap()).unwrap()

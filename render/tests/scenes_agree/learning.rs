@@ -1,6 +1,13 @@
 //! Estimators that train visibility before rendering are unbiased for any trained visibility.
 
-use headtail_render::{integrator::learn_visibility, patches::Detail, visibility::SceneVisibility};
+use headtail_render::{
+    estimator::SingleSample,
+    integrator::learn_visibility,
+    patches::Detail,
+    sampler::{AtPoint, Covering, Sampler},
+    statistics::SphereChiSquare,
+    visibility::SceneVisibility,
+};
 
 use super::*;
 
@@ -196,6 +203,12 @@ fn precomputed_visibility_survives_a_file_and_lowers_the_error() {
     // The ratio is above 2 at this size; pictures of other seeds differ by 10 %.
     assert!(1.5 * informed < plain, "{informed} {plain}");
 
+    // As a sampler with a pdf, which needs no scene.
+    let sampler = spec.build_sampler(&setting.environment).unwrap();
+    let single = SingleSample::new(Covering::new(sampler.clone()).unwrap(), setting.environment.clone());
+    assert!((error(&single) / informed - 1.0).abs() < 0.2, "{} {informed}", error(&single));
+    draws_follow_pdf(&setting, &*sampler);
+
     // A different scene, a different map, too little memory, no scene.
     let refused = |spec: &SamplerSpec, environment: &Arc<Environment>, context: BuildContext<'_>| {
         spec.build_in(environment, context).err().expect("refused").to_string()
@@ -209,6 +222,28 @@ fn precomputed_visibility_survives_a_file_and_lowers_the_error() {
     assert!(little.contains("MB are allowed"), "{little}");
     let nowhere = refused(&spec, &setting.environment, BuildContext::default());
     assert!(nowhere.contains("no scene is given"), "{nowhere}");
+}
+
+/// Compares draws at points of a scene with the sampler's pdf.
+fn draws_follow_pdf(setting: &Setting, sampler: &dyn Sampler) {
+    let camera = setting.scene.camera();
+    let points: Vec<_> = [(10.0, 8.0), (24.0, 20.0), (40.0, 28.0)]
+        .into_iter()
+        .filter_map(|(x, y)| setting.scene.intersect(&camera.ray(x, y, WIDTH, HEIGHT)))
+        .collect();
+    assert_eq!(points.len(), 3, "all points see a surface");
+    for point in &points {
+        let bound = AtPoint::new(sampler, point);
+        let draw = |random: &mut Stream, count: usize| {
+            let u: Vec<Vec2> = (0..count).map(|_| random.uniform2()).collect();
+            bound.sample_many(&u).into_iter().map(|drawn| Some(drawn?.wi)).collect()
+        };
+        // Points as dense as the map's texels: the borders of lamps lie within cells.
+        let (rows, subcells, samples) = (25, 20, 200_000);
+        let test = SphereChiSquare { rows, subcells, samples, tests: points.len(), ..SphereChiSquare::default() };
+        let report = test.run(draw, |wi| bound.pdf_many(wi));
+        assert!(report.passed(), "{report}");
+    }
 }
 
 /// Returns the variance of pictures: half the mean squared difference of two pairs of different seeds.

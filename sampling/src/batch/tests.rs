@@ -27,7 +27,8 @@ fn list_draws_equal_draws_of_single_points() {
     let count = 2 * TILE + 37;
     let (n, u) = (directions(count, 1), directions(count, 2));
     let u: Vec<[f32; 2]> = u.iter().map(|[x, y, _]| [0.499 * x + 0.5, 0.499 * y + 0.5]).collect();
-    let at = PointList { n: &n, wo: &[], surface: SurfaceList::Glossy { alpha: &[0.3], f0: &vec![0.5; count] } };
+    let at =
+        PointList { p: &[], n: &n, wo: &[], surface: SurfaceList::Glossy { alpha: &[0.3], f0: &vec![0.5; count] } };
     let (mut wi, mut pdfs, mut light) = (vec![[0.0; 3]; count], vec![0.0; count], vec![[0.0; 3]; count]);
     let out = DrawList { wi: &mut wi, pdf: &mut pdfs, radiance: Some((&map, &mut light)) };
     sample(&*sampler, &at, Numbers::Given(&u), out).unwrap();
@@ -46,9 +47,40 @@ fn list_draws_equal_draws_of_single_points() {
 }
 
 #[test]
+fn prepared_points_draw_and_evaluate_the_same() {
+    let (map, sampler) = patches();
+    let count = TILE + 37;
+    let (n, p, wi) = (directions(count, 1), directions(count, 2), directions(count, 3));
+    let (roughness, metallic) = (vec![0.4; count], [0.5]);
+    let gltf =
+        SurfaceList::MetallicRoughness { base_color: &[[0.9, 0.5, 0.1]], metallic: &metallic, roughness: &roughness };
+    for surface in [SurfaceList::Diffuse, SurfaceList::Glossy { alpha: &[0.2], f0: &[0.8] }, gltf] {
+        let at = PointList { p: &p, n: &n, wo: &[], surface };
+        let prepared = PreparedPoints::new(sampler.clone(), &at, count).unwrap();
+        assert_eq!(prepared.count(), count);
+        let drawn = |draw: &dyn Fn(DrawList<'_>) -> Result<()>| {
+            let (mut wi, mut pdf, mut light) = (vec![[0.0; 3]; count], vec![0.0; count], vec![[0.0; 3]; count]);
+            draw(DrawList { wi: &mut wi, pdf: &mut pdf, radiance: Some((&map, &mut light)) }).unwrap();
+            (wi, pdf, light)
+        };
+        for seed in [1, 2] {
+            let once = drawn(&|out| sample(&*sampler, &at, Numbers::Seed(seed), out));
+            assert!(once == drawn(&|out| prepared.sample(Numbers::Seed(seed), out)));
+            assert!(once.1.iter().filter(|&&pdf| pdf > 0.0).count() > count / 2);
+        }
+        let (mut once, mut again) = (vec![0.0; count], vec![0.0; count]);
+        pdf(&*sampler, &at, &wi, &mut once).unwrap();
+        prepared.pdf(&wi, &mut again).unwrap();
+        assert!(once == again && once.iter().any(|&pdf| pdf > 0.0));
+        let fault = prepared.pdf(&wi[1..], &mut again[1..]).unwrap_err().to_string();
+        assert!(fault.contains("pdf") && fault.contains("are needed"), "{fault}");
+    }
+}
+
+#[test]
 fn seeded_numbers_depend_only_on_seed_and_index() {
     let (_, sampler) = patches();
-    let at = PointList { n: &[[0.0, 1.0, 0.0]], wo: &[], surface: SurfaceList::Diffuse };
+    let at = PointList { p: &[], n: &[[0.0, 1.0, 0.0]], wo: &[], surface: SurfaceList::Diffuse };
     let draw = |count: usize, seed: u64| {
         let (mut wi, mut pdfs) = (vec![[0.0; 3]; count], vec![0.0; count]);
         let out = DrawList { wi: &mut wi, pdf: &mut pdfs, radiance: None };
@@ -66,7 +98,7 @@ fn errors_name_the_first_invalid_row() {
     let count = 3 * TILE;
     let good = vec![[0.0, 1.0, 0.0]; count];
     let refused = |n: &[[f32; 3]], alpha: &[f32], u: &[[f32; 2]], rows: usize| {
-        let at = PointList { n, wo: &[], surface: SurfaceList::Glossy { alpha, f0: &[1.0] } };
+        let at = PointList { p: &[], n, wo: &[], surface: SurfaceList::Glossy { alpha, f0: &[1.0] } };
         let (mut wi, mut pdfs, mut light) = (vec![[0.0; 3]; rows], vec![0.0; count], vec![[0.0; 3]; count]);
         let out = DrawList { wi: &mut wi, pdf: &mut pdfs, radiance: Some((&map, &mut light)) };
         sample(&*sampler, &at, Numbers::Given(u), out).unwrap_err().to_string()

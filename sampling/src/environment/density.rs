@@ -106,21 +106,24 @@ impl BilinearDensity {
         if luminance.iter().any(|value| !(value.is_finite() && *value >= 0.0)) {
             return Err(Error::argument("tail luminance", "holds a value that is negative or not finite"));
         }
-        let weights: Vec<f64> = (0..height).map(|row| row_weight(row, height)).collect();
-        let weighted = |(index, &value): (usize, &f32)| f64::from(value) * weights[index / width];
+        let rows =
+            || luminance.chunks_exact(width).enumerate().map(|(row, values)| (row, values, row_weight(row, height)));
         let cells = (width * (height - 1)) as f64;
         // The integral is a sum over cells of the mean of four corners: inner rows count twice, end
         // rows once.
-        let sum: f64 = luminance
-            .iter()
-            .enumerate()
-            .map(|node| weighted(node) * if node.0 / width == 0 || node.0 / width == height - 1 { 0.5 } else { 1.0 })
-            .sum();
+        let mut sum = 0.0;
+        for (row, values, weight) in rows() {
+            let part = if row == 0 || row == height - 1 { 0.5 } else { 1.0 };
+            values.iter().for_each(|&value| sum += f64::from(value) * weight * part);
+        }
         if sum <= 0.0 {
             return Err(Error::argument("tail luminance", "is zero everywhere: there is no light to sample"));
         }
-        let nodes = luminance.iter().enumerate().map(|node| (weighted(node) * cells / sum) as f32).collect();
-        Ok(Self { width, height, nodes: Nodes::Own(nodes) })
+        let mut nodes = Vec::with_capacity(luminance.len());
+        for (_, values, weight) in rows() {
+            nodes.extend(values.iter().map(|&value| (f64::from(value) * weight * cells / sum) as f32));
+        }
+        Ok(Self { width, height, nodes: Nodes::Own(nodes.into()) })
     }
 
     /// The same density, stored in the fourth numbers of a map's texels.
@@ -160,6 +163,7 @@ impl BilinearDensity {
     }
 
     /// The densities at the corners of a cell.
+    #[inline(always)]
     pub fn corners(&self, column: usize, row: usize) -> Corners {
         self.grid().corners(column, row)
     }

@@ -13,7 +13,7 @@ use crate::{
     error::Result,
     patches::{Detail, PatchSampler, SkyRays},
     points::Points,
-    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis},
+    sampler::{BrdfSampler, Covering, EnvironmentLight, OneSampleMis, Sampler},
     tail::TailKind,
     tile::Rows,
     visibility::{
@@ -93,6 +93,15 @@ impl LearnedVisibility {
     pub fn with_precomputed(self, visibility: &SceneVisibility) -> Result<Self> {
         let precomputed = PrecomputedVisibility::new(visibility, &self.division, self.memory)?;
         Ok(Self { precomputed: Some(Arc::new(precomputed)), ..self })
+    }
+
+    /// Returns the sampler of one direction with precomputed visibility, used regardless of the predicted gain.
+    ///
+    /// # Errors
+    /// As [`Self::with_precomputed`].
+    pub fn sampler_with(&self, visibility: &SceneVisibility) -> Result<Arc<dyn Sampler>> {
+        let visibility = PrecomputedVisibility::new(visibility, &self.division, self.memory)?;
+        Ok(Arc::new(OneSampleMis::new(self.sampler.get().weighted(Arc::new(visibility)), BrdfSampler)))
     }
 
     /// Returns an estimator for one rendering, which learns visibility before it.

@@ -97,8 +97,9 @@ impl<'a> Choice<'a> {
             let lit = node.children().into_iter().filter(|&child| self.map.moments(child).energy > 0.0);
             heap.extend(lit.map(candidate));
         }
-        let chosen: Vec<Node> = heap.into_iter().map(|candidate| candidate.node).collect();
-        in_tree_order(start, &chosen)
+        let mut chosen: Vec<Node> = heap.into_iter().map(|candidate| candidate.node).collect();
+        chosen.sort_unstable_by_key(|node| node.order());
+        chosen
     }
 
     /// Returns the loss of keeping a node as one patch: the sum over normals of the excess of the cosine's
@@ -163,29 +164,4 @@ fn sum_cosines['a](
         second[start..][..BLOCK].copy_from_slice(&sums[1]);
     }
 }
-}
-
-/// Returns the chosen nodes depth first.
-fn in_tree_order(start: Node, chosen: &[Node]) -> Vec<Node> {
-    let all: std::collections::HashSet<Node> = chosen.iter().copied().collect();
-    let (mut ordered, mut stack) = (Vec::with_capacity(chosen.len()), vec![start]);
-    while let Some(node) = stack.pop() {
-        if all.contains(&node) {
-            ordered.push(node);
-        } else if !node.is_cell() && ordered.len() < chosen.len() && holds(node, chosen) {
-            let [a, b] = node.children();
-            stack.extend([b, a]);
-        }
-    }
-    ordered
-}
-
-/// Whether a chosen node lies in `node`.
-fn holds(node: Node, chosen: &[Node]) -> bool {
-    chosen.iter().any(|other| {
-        other.column >> node.width_bits == node.column >> node.width_bits
-            && other.row >> node.height_bits == node.row >> node.height_bits
-            && other.width_bits <= node.width_bits
-            && other.height_bits <= node.height_bits
-    })
 }

@@ -1,7 +1,5 @@
 //! The patches of a map: clusters, leaves, twigs.
 
-use std::collections::HashMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -143,7 +141,7 @@ impl Patches {
         let (leaves, numbered) = Level::new((&map, tail), &numbered, &mut forest, by_cosine);
         let by_spread = |node| choice.divide_by_spread(node, PARTS);
         let (twigs, numbered) = Level::new((&map, tail), &numbered, &mut forest, by_spread);
-        let twig_of: HashMap<Node, u16> = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
+        let numbered = numbered.into_iter().map(|(number, node)| (node, number as u16)).collect();
         Self {
             narrow: detail.narrow(),
             brightness: clusters.iter().map(|&cluster| map.moments(cluster).brightness() as f32).collect(),
@@ -155,7 +153,7 @@ impl Patches {
             numbers,
             root,
             rest,
-            lookup: Lookup::new(map.root(), &twig_of),
+            lookup: Lookup::new(map.root(), numbered),
         }
     }
 }

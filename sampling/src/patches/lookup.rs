@@ -1,7 +1,5 @@
 //! Finds the patch of a cell of the map.
 
-use std::collections::HashMap;
-
 use crate::tail::Node;
 
 /// Logarithm of the largest number of nodes of the level at which a search begins.
@@ -32,7 +30,8 @@ struct Halves {
 impl Lookup {
     /// The lookup of patches with their numbers (below 32768). Cells outside all patches are dark and get the
     /// number 0.
-    pub fn new(root: Node, patches: &HashMap<Node, u16>) -> Self {
+    pub fn new(root: Node, mut patches: Vec<(Node, u16)>) -> Self {
+        patches.sort_unstable_by_key(|(patch, _)| patch.order());
         let mut shape = root;
         while root.width_bits + root.height_bits - shape.width_bits - shape.height_bits < TOP_BITS && !shape.is_cell() {
             shape = shape.children()[0];
@@ -45,26 +44,15 @@ impl Lookup {
             bits: [shape.width_bits, shape.height_bits],
             nodes: Vec::new(),
         };
-        // Every node above a patch.
-        let mut above = std::collections::HashSet::new();
-        for patch in patches.keys() {
-            let mut node = root;
-            while node != *patch {
-                above.insert(node);
-                let [first, second] = node.children();
-                let in_second = patch.column >= second.column && patch.row >= second.row;
-                node = if in_second { second } else { first };
-            }
-        }
-        lookup.fill(root, patches, &above, shape);
+        lookup.fill(root, &patches, shape);
         lookup
     }
 
-    /// Fills the top level below a node at or above it.
-    fn fill(&mut self, node: Node, patches: &HashMap<Node, u16>, above: &std::collections::HashSet<Node>, shape: Node) {
+    /// Fills the top level below a node at or above it, in which `patches` are.
+    fn fill(&mut self, node: Node, patches: &[(Node, u16)], shape: Node) {
         let at_top = (node.width_bits, node.height_bits) == (shape.width_bits, shape.height_bits);
-        if at_top || !above.contains(&node) {
-            let entry = self.entry(node, patches, above);
+        if at_top || patches.is_empty() || patches[0].0 == node {
+            let entry = self.entry(node, patches);
             for row in node.row >> shape.height_bits..(node.row + (1 << node.height_bits)) >> shape.height_bits {
                 for column in
                     node.column >> shape.width_bits..(node.column + (1 << node.width_bits)) >> shape.width_bits
@@ -73,26 +61,26 @@ impl Lookup {
                 }
             }
         } else {
-            for half in node.children() {
-                self.fill(half, patches, above, shape);
+            for (half, patches) in halves(node, patches) {
+                self.fill(half, patches, shape);
             }
         }
     }
 
-    /// Returns the number of a node or patch, after adding all nodes below it.
-    fn entry(&mut self, node: Node, patches: &HashMap<Node, u16>, above: &std::collections::HashSet<Node>) -> u16 {
-        if let Some(patch) = patches.get(&node) {
-            return IS_PATCH | patch;
+    /// Returns the number of a node in which `patches` are, after adding all nodes below it; or that of the patch.
+    fn entry(&mut self, node: Node, patches: &[(Node, u16)]) -> u16 {
+        match patches {
+            [] => IS_PATCH,
+            [(patch, number), ..] if *patch == node => IS_PATCH | number,
+            _ => {
+                let own = self.nodes.len();
+                let is_column = node.halves_columns();
+                let bit = if is_column { node.width_bits } else { node.height_bits } as u8 - 1;
+                self.nodes.push(Halves { is_column, bit, halves: [IS_PATCH; 2] });
+                self.nodes[own].halves = halves(node, patches).map(|(half, patches)| self.entry(half, patches));
+                own as u16
+            }
         }
-        if !above.contains(&node) {
-            return IS_PATCH;
-        }
-        let own = self.nodes.len();
-        let is_column = node.halves_columns();
-        let bit = if is_column { node.width_bits } else { node.height_bits } as u8 - 1;
-        self.nodes.push(Halves { is_column, bit, halves: [IS_PATCH; 2] });
-        self.nodes[own].halves = node.children().map(|half| self.entry(half, patches, above));
-        own as u16
     }
 
     /// The patch of a cell.
@@ -107,8 +95,17 @@ impl Lookup {
     }
 }
 
+/// Returns the halves of a node with the patches in each.
+fn halves(node: Node, patches: &[(Node, u16)]) -> [(Node, &[(Node, u16)]); 2] {
+    let [first, second] = node.children();
+    let (of_first, of_second) = patches.split_at(patches.partition_point(|(patch, _)| patch.order() < second.order()));
+    [(first, of_first), (second, of_second)]
+}
+
 #[cfg(test)]
 mod tests {
+    use std::collections::HashMap;
+
     use super::*;
 
     #[test]
@@ -127,7 +124,7 @@ mod tests {
                     stack.extend(node.children());
                 }
             }
-            let lookup = Lookup::new(root, &patches);
+            let lookup = Lookup::new(root, patches.clone().into_iter().collect());
             for row in 0..rows as u32 {
                 for column in 0..columns as u32 {
                     let mut node = root;

@@ -416,12 +416,12 @@ mod tests {
                 let n = Vec3::from(random.direction());
                 let bound = patch.cosines(Scalar, n).bound;
                 let mass = patch.diffuse_mass::<_, true>(Scalar, n) / patch.energy;
-                map.each_direction(node, |w, _, _| {
+                for w in map.lit_directions(node) {
                     let cosine = n.dot(w.as_vec3());
                     assert!(cosine <= bound + 1e-6, "{node:?} {n}: {cosine} {bound}");
                     // This bounds sample weights by 1 / 0.15 relative to the leaf's mass.
                     assert!(mass >= (LEAF_FLOOR - 1e-6) * cosine, "{node:?} {n}: {mass} {cosine}");
-                });
+                }
             }
         }
     }

@@ -30,21 +30,6 @@ impl Add for Moments {
 }
 
 impl Moments {
-    /// Light from direction `w` with its density over solid angle, spread around it with variance `variance`
-    /// along either tangent.
-    fn of(energy: f64, density: f64, w: DVec3, variance: f64) -> Self {
-        let keep = 1.0 - variance;
-        let second = [
-            keep * w.x * w.x + variance,
-            keep * w.y * w.y + variance,
-            keep * w.z * w.z + variance,
-            keep * w.x * w.y,
-            keep * w.x * w.z,
-            keep * w.y * w.z,
-        ];
-        Self { energy, first: energy * w, second: second.map(|moment| energy * moment), squared: energy * density }
-    }
-
     /// The mean direction, of length below 1.
     pub fn centroid(&self) -> DVec3 {
         self.first / self.energy
@@ -105,12 +90,10 @@ impl<'a> MomentMap<'a> {
         while !shape.is_cell() && map.bits_above(shape) < KEPT_BITS {
             shape = shape.children()[0];
         }
-        let (width, count) = (1_u32 << (root.width_bits - shape.width_bits), 1_usize << map.bits_above(shape));
-        let finest = (0..count as u32).into_par_iter().map(|k| {
-            let (column, row) = ((k % width) << shape.width_bits, (k / width) << shape.height_bits);
-            map.sum_cells(Node { column, row, ..shape })
-        });
-        let mut levels = vec![finest.collect::<Vec<_>>()];
+        let mut finest = vec![Moments::default(); 1 << map.bits_above(shape)];
+        let rows = finest.par_chunks_mut(1 << (root.width_bits - shape.width_bits)).enumerate();
+        rows.for_each(|(row, out)| sum_row(&map, Node { row: (row as u32) << shape.height_bits, ..shape }, out));
+        let mut levels = vec![finest];
         while shape != root {
             shape = map.parent_shape(shape);
             let finer = &levels[levels.len() - 1];
@@ -139,28 +122,18 @@ impl<'a> MomentMap<'a> {
         level[(node.row >> node.height_bits) as usize * width + (node.column >> node.width_bits) as usize]
     }
 
-    /// Calls `visit` with each direction of a node at which there is light, its fraction of the whole, and its
-    /// density over solid angle.
-    #[inline(always)]
-    pub fn each_direction(&self, node: Node, mut visit: impl FnMut(DVec3, f64, f64)) {
-        let side = self.points;
-        let points = self.lit.len() as f64;
+    /// Returns each direction of a node at which there is light.
+    #[cfg(test)]
+    pub fn lit_directions(&self, node: Node) -> Vec<DVec3> {
+        let (side, width) = (self.points, self.angles[0][0].len());
         let [[cos_phi, sin_phi], [cos_theta, sin_theta]] = &self.angles;
         let [columns, rows] = self.cells(node);
-        for row in rows {
-            for column in columns.clone() {
-                if !self.lit[row * side * cos_phi.len() + column * side] {
-                    continue;
-                }
-                let corners = self.density.corners(column, row);
-                for (k, inside) in insides(side).enumerate() {
-                    let (i, j) = (column * side + k % side, row * side + k / side);
-                    let w = Vec3::new(sin_phi[i] * sin_theta[j], cos_theta[j], -cos_phi[i] * sin_theta[j]);
-                    let energy = f64::from(corners.evaluate(inside)) / points;
-                    visit(w.as_dvec3(), energy, energy * points / self.solid_angles[j]);
-                }
-            }
-        }
+        let cells = rows.flat_map(|row| columns.clone().map(move |column| [column * side, row * side]));
+        let lit = cells.filter(|[column, row]| self.lit[row * width + column]);
+        let points = lit.flat_map(|[column, row]| (0..side * side).map(move |k| [column + k % side, row + k / side]));
+        let direction =
+            |[i, j]: [usize; 2]| Vec3::new(sin_phi[i] * sin_theta[j], cos_theta[j], -cos_phi[i] * sin_theta[j]);
+        points.map(|point| direction(point).as_dvec3()).collect()
     }
 
     /// Returns the largest squared distance from `s` of the directions of a node at which there is light, and the
@@ -193,10 +166,63 @@ impl<'a> MomentMap<'a> {
     }
 
     fn sum_cells(&self, node: Node) -> Moments {
+        let [moments] = self.sums(node);
+        moments
+    }
+
+    /// Returns the moments of `N` nodes side by side, of which `first` is the first; those beyond the map are dark.
+    ///
+    /// The light of a cell is spread around its points with a variance of that of their distances, along either
+    /// tangent.
+    #[inline(always)]
+    fn sums<const N: usize>(&self, first: Node) -> [Moments; N] {
+        let (side, grid, points, columns) =
+            (self.points, self.density.grid(), self.lit.len() as f64, self.density.columns());
+        let [[cos_phi, sin_phi], [cos_theta, sin_theta]] = &self.angles;
         let variance = self.step() * self.step() / 12.0;
-        let mut sum = Moments::default();
-        self.each_direction(node, |w, energy, density| sum = sum + Moments::of(energy, density, w, variance));
-        sum
+        let keep = 1.0 - variance;
+        let mut sums = [[0.0; N]; 11];
+        let [_, rows] = self.cells(first);
+        let cells = rows.flat_map(|row| (0..1_usize << first.width_bits).map(move |across| (row, across)));
+        for (row, across) in cells {
+            for (k, inside) in insides(side).enumerate() {
+                let j = row * side + k / side;
+                let (mut energies, mut w) = ([0.0; N], [[0.0; N]; 3]);
+                for lane in 0..N {
+                    let column = first.column as usize + (lane << first.width_bits) + across;
+                    let is_inside = column < columns;
+                    let column = if is_inside { column } else { 0 };
+                    let i = column * side + k % side;
+                    let is_lit = is_inside & self.lit[row * side * cos_phi.len() + column * side];
+                    let light = grid.corners(column, row).evaluate(inside);
+                    energies[lane] = if is_lit { f64::from(light) / points } else { 0.0 };
+                    w[0][lane] = f64::from(sin_phi[i] * sin_theta[j]);
+                    w[1][lane] = f64::from(cos_theta[j]);
+                    w[2][lane] = f64::from(-cos_phi[i] * sin_theta[j]);
+                }
+                for lane in 0..N {
+                    let (energy, [x, y, z]) = (energies[lane], w.map(|w| w[lane]));
+                    let second = [
+                        keep * x * x + variance,
+                        keep * y * y + variance,
+                        keep * z * z + variance,
+                        keep * x * y,
+                        keep * x * z,
+                        keep * y * z,
+                    ];
+                    let squared = energy * (energy * points / self.solid_angles[j]);
+                    let [xx, yy, zz, xy, xz, yz] = second.map(|moment| energy * moment);
+                    let added = [energy, energy * x, energy * y, energy * z, xx, yy, zz, xy, xz, yz, squared];
+                    for (sum, added) in sums.iter_mut().zip(added) {
+                        sum[lane] += added;
+                    }
+                }
+            }
+        }
+        std::array::from_fn(|lane| {
+            let [energy, x, y, z, second @ .., squared] = sums.map(|sum| sum[lane]);
+            Moments { energy, first: DVec3::new(x, y, z), second, squared }
+        })
     }
 
     /// The shape of the parents of nodes of a shape.
@@ -250,11 +276,11 @@ fn angles(density: &BilinearDensity, side: usize) -> [[Vec<f32>; 2]; 2] {
 
 /// Whether there is light in the cells of points, row by row of points.
 fn lit(density: &BilinearDensity, side: usize) -> Vec<bool> {
-    let width = density.columns() * side;
+    let (grid, width) = (density.grid(), density.columns() * side);
     let mut lit = vec![false; width * density.rows() * side];
     lit.par_chunks_mut(width).enumerate().for_each(|(row, lit)| {
         for (column, lit) in lit.chunks_exact_mut(side).enumerate() {
-            lit.fill(density.corners(column, row / side).mean() > 0.0);
+            lit.fill(grid.corners(column, row / side).mean() > 0.0);
         }
     });
     lit
@@ -276,6 +302,17 @@ struct PointRow<'a> {
     cos_theta: f32,
     sin_theta: f32,
     lit: &'a [bool],
+}
+
+vectorized! {
+/// Computes the moments of a row of nodes of one shape, of which `first` is the first.
+fn sum_row['a](_simd, map: &'a MomentMap<'a>, first: Node, out: &'a mut [Moments]) {
+    for (strip, out) in out.chunks_mut(COLUMNS).enumerate() {
+        let column = ((strip * COLUMNS) << first.width_bits) as u32;
+        let moments = map.sums::<COLUMNS>(Node { column, ..first });
+        out.copy_from_slice(&moments[..out.len()]);
+    }
+}
 }
 
 vectorized! {
@@ -357,9 +394,7 @@ mod tests {
                         .extend(points.map(|inside| latlong::direction(density.point(column, row, inside)).as_dvec3()));
                 }
             }
-            let mut found = Vec::new();
-            map.each_direction(map.root(), |w, _, _| found.push(w));
-            assert_eq!(found, expected);
+            assert_eq!(map.lit_directions(map.root()), expected);
         }
     }
 

@@ -3,7 +3,14 @@
 use std::sync::Arc;
 
 use super::{Coverage, Draws, EnvironmentLight, Sampler};
-use crate::{columns::Arena, environment::solid_angle_means, error::Result, simd::Lanes, tail::Tail, tile::Rows};
+use crate::{
+    columns::Arena,
+    environment::{Environment, solid_angle_means},
+    error::Result,
+    simd::Lanes,
+    tail::{Tail, TailKind},
+    tile::Rows,
+};
 
 /// Samples the environment map, without regard to the surface.
 #[derive(Clone, Debug)]
@@ -31,8 +38,7 @@ impl EmitterSampler {
     ///
     /// # Errors
     /// See [`Tail::new`].
-    pub fn compensated(light: &EnvironmentLight) -> Result<Self> {
-        let environment = light.environment();
+    pub fn compensated(environment: &Arc<Environment>, kind: TailKind) -> Result<Self> {
         let (width, height) = (environment.width(), environment.height());
         let luminance = environment.luminance();
         let mean_of = |values: &[f32]| solid_angle_means(width, height, values, |value| [value])[0] as f32;
@@ -41,7 +47,7 @@ impl EmitterSampler {
         // The remainder of a constant map is rounding noise.
         let left = mean_of(&compensated);
         let kept = if left > 1e-4 * mean { &compensated } else { &luminance };
-        let tail = Tail::new(light.tail().kind(), width, height, kept)?;
+        let tail = Tail::new(kind, width, height, kept)?;
         let light = EnvironmentLight::with_tail(environment.clone(), Arc::new(tail));
         Ok(Self { light, coverage: Coverage::Part })
     }

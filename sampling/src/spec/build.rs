@@ -44,7 +44,8 @@ impl SamplerSpec {
         })
     }
 
-    /// Builds the sampler of a SPEC that has a pdf, for a map without a scene.
+    /// Builds the sampler of a SPEC that has a pdf, for a map without a scene. Precomputed visibility and portals are in
+    /// the coordinates of the scene that they were made for: in another one, samples are noisy, not biased.
     ///
     /// # Errors
     /// [`Error::Argument`] if it has none ([`Self::has_pdf`]); otherwise as [`Self::build_in`].
@@ -52,7 +53,13 @@ impl SamplerSpec {
         if !self.has_pdf() {
             return Err(Error::argument(format!("sampler '{self}'"), "has no pdf of its own"));
         }
-        let sampler = self.source.build(self.companion, environment, BuildContext::default())?;
+        let context = BuildContext::default();
+        if let Visibility::File(file) = &self.visibility {
+            let visibility = SceneVisibility::open(file, None, environment)?;
+            let estimator = self.build_unlearned(environment, context.memory)?;
+            return estimator.sampler_with(&visibility).map_err(|error| error.in_file(file));
+        }
+        let sampler = self.source.build(self.companion, environment, context)?;
         Ok(Covering::new(sampler)?.into_inner())
     }
 
@@ -68,26 +75,30 @@ impl SamplerSpec {
         if self.visibility == Visibility::None {
             return Err(Error::argument(format!("sampler '{self}'"), "has no visibility"));
         }
-        let estimator = match &self.source {
-            Source::File(kind, file) => kind
-                .read(file)?
-                .patch_sampler(environment)
-                .and_then(|sampler| LearnedVisibility::of_sampler(sampler, environment.clone(), context.memory))
-                .map_err(|error| error.in_file(file))?,
-            Source::Patches(detail) => LearnedVisibility::new(environment.clone(), *detail, context.memory)?,
-            _ => unreachable!("SamplerSpec::fault rejects visibility of other sources"),
-        };
-        let estimator = estimator.with_directions(self.directions())?;
+        let estimator = self.build_unlearned(environment, context.memory)?.with_directions(self.directions())?;
         let estimator = match &self.visibility {
             Visibility::File(file) => {
                 let scene = context
                     .scene
                     .ok_or_else(|| Error::invalid(file, "visibility", "belongs to a scene, and no scene is given"))?;
-                let visibility = SceneVisibility::open(file, &scene.geometry_hash(), environment)?;
+                let visibility = SceneVisibility::open(file, Some(&scene.geometry_hash()), environment)?;
                 estimator.with_precomputed(&visibility).map_err(|error| error.in_file(file))?
             }
             _ => estimator,
         };
         Ok(if context.always { estimator.always() } else { estimator })
+    }
+
+    /// Builds the estimator of a SPEC with visibility, of which nothing is known yet.
+    fn build_unlearned(&self, environment: &Arc<Environment>, memory: usize) -> Result<LearnedVisibility> {
+        match &self.source {
+            Source::File(kind, file) => kind
+                .read(file)?
+                .patch_sampler(environment)
+                .and_then(|sampler| LearnedVisibility::of_sampler(sampler, environment.clone(), memory))
+                .map_err(|error| error.in_file(file)),
+            Source::Patches(detail) => LearnedVisibility::new(environment.clone(), *detail, memory),
+            _ => unreachable!("SamplerSpec::fault rejects visibility of other sources"),
+        }
     }
 }

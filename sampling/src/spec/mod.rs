@@ -240,9 +240,15 @@ impl SamplerSpec {
         }
     }
 
-    /// Whether it names one sampler with a pdf, and not an estimator.
+    /// Whether it names one sampler with a pdf, and not an estimator. Visibility that is learned before each rendering
+    /// makes it one.
     pub fn has_pdf(&self) -> bool {
-        self.combiner == Combiner::One && self.visibility == Visibility::None
+        self.combiner == Combiner::One && self.visibility != Visibility::Learned
+    }
+
+    /// Whether its samplers depend on the positions of points.
+    pub fn needs_positions(&self) -> bool {
+        self.visibility != Visibility::None || matches!(self.source, Source::Portals(_))
     }
 
     /// Returns what `auto` stands for by rule alone: `split:4:patches+vis` in a scene, and `patches` without

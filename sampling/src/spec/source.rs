@@ -242,7 +242,7 @@ impl Source {
         let source: Arc<dyn Sampler> = match self {
             Self::Brdf | Self::Cosine => Arc::new(BrdfSampler),
             Self::Emitter => Arc::new(EmitterSampler::new(light()?)),
-            Self::Compensated => Arc::new(EmitterSampler::compensated(&light()?)?),
+            Self::Compensated => Arc::new(EmitterSampler::compensated(environment, TailKind::Hierarchical)?),
             Self::Oracle => {
                 let light = light()?;
                 Arc::new(ProductSampler::new(light.clone(), Oracle::new(light.tail())))

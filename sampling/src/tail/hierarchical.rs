@@ -9,6 +9,7 @@ use crate::{
     environment::BilinearDensity,
     large::Large,
     morton::{gather, spread},
+    parallel::*,
     simd::{LANES, Lanes, Quads},
 };
 
@@ -58,6 +59,9 @@ impl Level {
     }
 }
 
+/// Least number of nodes for which a thread is used.
+const PER_THREAD: usize = 4096;
+
 /// A rectangle of Y.
 #[derive(Clone, Copy, Debug)]
 struct Bounds<T> {
@@ -83,38 +87,45 @@ impl Hierarchical {
                 Level { column_bits: bits(columns), row_bits: bits(rows), cuts: Large::Ordinary(Vec::new()) }
             })
             .collect();
-        let mut masses = vec![vec![0.0_f64; columns * rows]];
-        for row in 0..grid.rows() {
-            for column in 0..grid.columns() {
-                let index = cell_index(square_levels, column as u32, row as u32);
-                masses[0][index as usize] = f64::from(grid.corners(column, row).mean());
-            }
-        }
+        let top_columns = if columns > rows { u32::MAX } else { 0 };
+        let densities = grid.grid();
+        let mass = |index: u32| {
+            let (column, row) = cell(square_levels, top_columns, index);
+            let is_padding = column as usize >= grid.columns() || row as usize >= grid.rows();
+            if is_padding { 0.0 } else { f64::from(densities.corners(column as usize, row as usize).mean()) }
+        };
+        let cells = columns * rows;
+        let mut masses: Vec<Vec<f64>> =
+            vec![(0..cells as u32).into_par_iter().with_min_len(PER_THREAD).map(mass).collect()];
         for level in levels.iter().rev() {
-            let children = 1 << (level.column_bits + level.row_bits);
-            let finer: &Vec<f64> = &masses[masses.len() - 1];
+            let finer = &masses[masses.len() - 1];
             // Sums halves first, as the cuts do.
-            let sum = |node: &[f64]| node.chunks(2).map(|half| half.iter().sum::<f64>()).sum();
-            masses.push(finer.chunks_exact(children).map(sum).collect());
+            masses.push(match level.column_bits + level.row_bits {
+                2 => finer.as_chunks().0.iter().map(|[a, b, c, d]| (a + b) + (c + d)).collect(),
+                _ => finer.as_chunks().0.iter().map(|[a, b]| a + b).collect(),
+            });
         }
         masses.reverse();
-        let (mut bounds, cells) = (vec![Bounds::SQUARE], columns * rows);
+        let mut bounds = vec![Bounds::SQUARE];
         for (level, masses) in levels.iter_mut().zip(&masses[1..]) {
             let children = 1 << (level.column_bits + level.row_bits);
+            let of_node = |node: usize| cut(level, &bounds[node], &masses[node * children..][..children]);
+            let nodes = 0..bounds.len();
             // Cells have no cuts, so their rectangles are not needed.
-            let mut inner = Vec::with_capacity(if masses.len() == cells { 0 } else { masses.len() });
-            let mut all = Vec::with_capacity(bounds.len());
-            for (bounds, masses) in bounds.iter().zip(masses.chunks_exact(children)) {
-                let (cuts, parts) = cut(level, bounds, masses);
-                all.push(cuts);
-                if inner.capacity() > 0 {
+            let (cuts, inner): (Vec<Cuts>, _) = if masses.len() == cells {
+                (nodes.into_par_iter().with_min_len(PER_THREAD).map(|node| of_node(node).0).collect(), Vec::new())
+            } else {
+                let mut inner = Vec::with_capacity(masses.len());
+                let cuts = nodes.map(|node| {
+                    let (cuts, parts) = of_node(node);
                     inner.extend(&parts[..children]);
-                }
-            }
-            level.cuts = all.into();
+                    cuts
+                });
+                (cuts.collect(), inner)
+            };
+            level.cuts = cuts.into();
             bounds = inner;
         }
-        let top_columns = if columns > rows { u32::MAX } else { 0 };
         Self { grid, levels, square_levels, top_columns }
     }
 
@@ -153,18 +164,6 @@ impl Hierarchical {
             index = level.child(index, is_lower, is_right);
         }
         [left, right, top, bottom]
-    }
-
-    /// Returns column and row of a number in the order of the descent: the inverse of [`cell_index`].
-    #[inline(always)]
-    fn cell(&self, index: u32) -> (u32, u32) {
-        let bits = 2 * self.square_levels;
-        let (top, low) = (index >> bits, index & ((1 << bits) - 1));
-        let (column, row) = (gather(low), gather(low >> 1));
-        (
-            column + ((top & self.top_columns) << self.square_levels),
-            row + ((top & !self.top_columns) << self.square_levels),
-        )
     }
 
     /// Returns the rectangles of cells: each side is a cut of the lowest ancestor whose cut borders the cell.
@@ -222,6 +221,15 @@ fn cell_index(square_levels: u32, column: u32, row: u32) -> u32 {
     // One of the two is 0.
     let top = (column >> square_levels) | (row >> square_levels);
     (top << (2 * square_levels)) | (spread(row & low) << 1) | spread(column & low)
+}
+
+/// Returns column and row of a number in the order of the descent: the inverse of [`cell_index`].
+#[inline(always)]
+fn cell(square_levels: u32, top_columns: u32, index: u32) -> (u32, u32) {
+    let bits = 2 * square_levels;
+    let (top, low) = (index >> bits, index & ((1 << bits) - 1));
+    let (column, row) = (gather(low), gather(low >> 1));
+    (column + ((top & top_columns) << square_levels), row + ((top & !top_columns) << square_levels))
 }
 
 /// Cuts a node's rectangle in proportion to the masses of its children; returns the cuts and the children's
@@ -293,7 +301,7 @@ impl Descents {
         let (grid, nodes) = (&tail.grid, tail.grid.grid());
         let (mut columns, mut rows) = ([0; LANES], [0; LANES]);
         for k in 0..LANES {
-            (columns[k], rows[k]) = tail.cell(self.index[k]);
+            (columns[k], rows[k]) = cell(tail.square_levels, tail.top_columns, self.index[k]);
         }
         let all_corners = nodes.corners_of(&columns, &rows);
         let (mut x, mut jacobian) = ([[0.0; LANES]; 2], [0.0; LANES]);

@@ -1,5 +1,7 @@
 //! Rectangles of a map: the nodes of the tree in which the quad-tree tail halves it.
 
+use crate::morton::morton;
+
 /// A rectangle of cells: a node of the binary tree that halves the map, by columns where it is wider than
 /// high, else by rows. [`super::Hierarchical`] halves in the same order, so a node is a rectangle of Y too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -40,6 +42,12 @@ impl Node {
             let half = Self { height_bits: self.height_bits - 1, ..self };
             [half, Self { row: self.row + (1 << half.height_bits), ..half }]
         }
+    }
+
+    /// Returns the place of its first cell in the tree, depth first: the order of nodes of which none holds another.
+    pub fn order(self) -> u64 {
+        let high = morton((self.column >> 16) as u16, (self.row >> 16) as u16);
+        u64::from(high) << 32 | u64::from(morton(self.column as u16, self.row as u16))
     }
 
     /// Returns the nodes `levels` below, or its cells if there are fewer levels.

@@ -5,6 +5,7 @@ use glam::Vec3A;
 use crate::{
     columns::vectorized,
     simd::{LANES, Lanes},
+    tile::Rows,
 };
 
 /// Number of levels of cells, each twice as large as the one below.
@@ -51,6 +52,17 @@ impl Cells {
     pub fn key(&self, p: Vec3A, n: Vec3A) -> CellKey {
         let lanes = |vector: Vec3A| vector.to_array().map(|number| [number; LANES]);
         CellKey(self.keys(&lanes(p), &lanes(n))[0])
+    }
+
+    /// Returns the finest cells of points.
+    pub fn keys_of(&self, at: &Rows<'_>) -> Vec<CellKey> {
+        let mut keys = Vec::with_capacity(at.len());
+        for strip in 0..at.strips() {
+            let mut own = [0; LANES];
+            self::keys(self, &at.positions(strip), &at.normals(strip), &mut own);
+            keys.extend(own[..LANES.min(at.len() - strip * LANES)].iter().map(|&key| CellKey(key)));
+        }
+        keys
     }
 
     /// Returns the finest cells of a strip of points with normals.

@@ -49,10 +49,7 @@ use counts::Counts;
 use estimate::{Rays, Visibility};
 use predicted_gain::PredictedGain;
 
-use crate::{
-    simd::{LANES, Lanes},
-    tile::Rows,
-};
+use crate::{simd::Lanes, tile::Rows};
 
 /// The visibility of the map in the cells of a scene, for one rendering.
 #[derive(Debug)]
@@ -155,21 +152,10 @@ impl VisibilityCache {
         SceneVisibility { scene_hash, environment, environment_hash, seconds: None, cells, counts }
     }
 
-    /// Returns the finest cells of points.
-    fn keys(&self, at: &Rows<'_>) -> Vec<CellKey> {
-        let mut keys = Vec::with_capacity(at.len());
-        for strip in 0..at.strips() {
-            let mut own = [0; LANES];
-            cells::keys(&self.cells, &at.positions(strip), &at.normals(strip), &mut own);
-            keys.extend(own[..LANES.min(at.len() - strip * LANES)].iter().map(|&key| CellKey(key)));
-        }
-        keys
-    }
-
     /// Counts shadow rays, given as the row that each starts from, its patch, and whether it is unblocked.
     /// The result does not depend on their order or on the number of threads.
     pub fn observe(&self, at: &Rows<'_>, rays: impl Iterator<Item = (u16, u16, bool)>) {
-        let keys = self.keys(at);
+        let keys = self.cells.keys_of(at);
         let is_precomputed =
             |key: &CellKey| self.precomputed.as_ref().is_some_and(|cells| cells.visibility(*key).is_some());
         let mut last = (None, None);
@@ -275,7 +261,7 @@ impl Weighting for VisibilityCache {
 
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
         let (mut last, mut unknown) = ((None, 0), 0);
-        for (key, out) in self.keys(at).into_iter().zip(out.as_flattened_mut()) {
+        for (key, out) in self.cells.keys_of(at).into_iter().zip(out.as_flattened_mut()) {
             if last.0 != Some(key) {
                 last = (Some(key), self.number(key));
             }

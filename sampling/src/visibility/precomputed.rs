@@ -11,11 +11,13 @@ use super::{
     division::{Division, PATCHES},
     estimate::{self, Visibility},
     predicted_gain::PredictedGain,
-    weights::Weights,
+    weights::{Weighting, Weights},
 };
 use crate::{
     environment::Environment,
     error::{Error, Result},
+    simd::Lanes,
+    tile::Rows,
 };
 
 /// Shadow rays of a scene under a map, counted by cell and patch: valid for all materials and viewpoints of this scene and map.
@@ -46,18 +48,19 @@ impl SceneVisibility {
         (0..self.cells()).flat_map(|cell| self.counts.rays(cell)).map(|[_, all]| u64::from(all)).sum()
     }
 
-    /// Reads a file ([`Self::read`]) and checks that it was learned under this map in the scene with this
-    /// geometry hash.
+    /// Reads a file ([`Self::read`]) and checks that it was learned under this map, and in the scene with a geometry
+    /// hash if one is given.
     ///
     /// # Errors
     /// The file cannot be read, or was learned in another scene or under another map.
-    pub fn open(path: &Path, scene_hash: &str, environment: &Environment) -> Result<Self> {
+    pub fn open(path: &Path, scene_hash: Option<&str>, environment: &Environment) -> Result<Self> {
         let visibility = Self::read(path)?;
         let wrong = |what: &str| Err(Error::invalid(path, "visibility", format!("was learned {what}")));
         if visibility.environment_hash != environment.hash() {
             return wrong(&format!("under another map, {}", visibility.environment));
         }
-        if visibility.scene_hash != scene_hash { wrong("in another scene") } else { Ok(visibility) }
+        let is_other = scene_hash.is_some_and(|hash| visibility.scene_hash != hash);
+        if is_other { wrong("in another scene") } else { Ok(visibility) }
     }
 }
 
@@ -67,6 +70,8 @@ pub struct PrecomputedVisibility {
     cells: Cells,
     index: CellIndex,
     estimates: Vec<(Visibility, Weights)>,
+    /// The weights outside all cells.
+    unknown: Weights,
     gain: PredictedGain,
 }
 
@@ -101,6 +106,7 @@ impl PrecomputedVisibility {
             cells: visibility.cells,
             index: (0..cells).map(|cell| (counts.key(cell), cell as u32)).collect(),
             estimates,
+            unknown: Weights::unknown(),
             gain: gains.into_iter().fold(PredictedGain::default(), PredictedGain::with),
         })
     }
@@ -147,5 +153,21 @@ impl PrecomputedVisibility {
     #[inline(always)]
     pub(super) fn weights(&self, cell: u32) -> Option<&Weights> {
         self.estimates.get(cell as usize).map(|(_, weights)| weights)
+    }
+}
+
+impl Weighting for PrecomputedVisibility {
+    const UNIT: f32 = Weights::UNIT;
+
+    fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
+        for (key, out) in self.cells.keys_of(at).into_iter().zip(out.as_flattened_mut()) {
+            // The number after the cell's; 0 outside all cells.
+            *out = f32::from_bits(self.find(key).map_or(0, |(cell, _)| cell + 1));
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, index: f32) -> Option<&Weights> {
+        Some(index.to_bits().checked_sub(1).and_then(|cell| self.weights(cell)).unwrap_or(&self.unknown))
     }
 }

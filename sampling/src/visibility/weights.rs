@@ -1,5 +1,7 @@
 //! Visibility weights, which multiply the masses of patches.
 
+use std::ops::Deref;
+
 use super::division::CLUSTERS;
 use crate::{
     simd::{LANES, Lanes},
@@ -98,8 +100,8 @@ pub trait Weighting: Send + Sync {
     }
 }
 
-impl<W: Weighting> Weighting for &W {
-    const UNIT: f32 = W::UNIT;
+impl<P: Deref<Target: Weighting> + Send + Sync> Weighting for P {
+    const UNIT: f32 = P::Target::UNIT;
 
     fn indices(&self, at: &Rows<'_>, out: &mut [Lanes]) {
         (**self).indices(at, out);

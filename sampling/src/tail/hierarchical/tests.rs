@@ -13,7 +13,7 @@ fn cells_are_numbered_one_to_one_for_every_shape() {
         for row in 0..rows as u32 {
             for column in 0..columns as u32 {
                 let index = cell_index(tree.square_levels, column, row);
-                assert_eq!(tree.cell(index), (column, row), "{columns} x {rows}");
+                assert_eq!(cell(tree.square_levels, tree.top_columns, index), (column, row), "{columns} x {rows}");
                 assert!(!std::mem::replace(&mut seen[index as usize], true));
             }
         }
