@@ -8,6 +8,7 @@ mod draw;
 use std::{path::Path, sync::Arc};
 
 use glam::{Vec2, Vec3, Vec3A};
+use headtail_eval::conformance;
 use headtail_sampling::{
     bake::{CellGrid, NormalGrid, direct_bake},
     batch::{self, DrawList, Numbers, PointList, SurfaceList},
@@ -177,6 +178,37 @@ fn shaders_match_the_native_samplers() {
     let shader = Shader::new(&flat_exported(&exported).unwrap()).unwrap();
     let native = exported.open(&map).unwrap();
     compare("table", &shader, &native, COUNT, false);
+}
+
+#[test]
+fn shaders_pass_the_conformance_kit() {
+    let (map, folder) = (conformance::map().unwrap(), tempfile::tempdir().unwrap());
+    let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
+    let patches = Shader::new(&flat_patches(light.tail(), Detail::Leaves).unwrap()).unwrap();
+    let table = Shader::new(&flat_exported(&conformance::table(&map).unwrap()).unwrap()).unwrap();
+    for (name, shader) in [("patches", &patches), ("patches-glossy", &patches), ("table", &table)] {
+        let case = conformance::cases(&map).unwrap().into_iter().find(|case| case.name == name).unwrap();
+        let query = |row: &conformance::Row| {
+            let lobes = match case.alpha {
+                Some(alpha) => [0.0, 1.0, 1.0, alpha],
+                None => [1.0, 0.0, 1.0, 1.0],
+            };
+            let (n, wo, wi) = (row.n.to_array(), row.wo.to_array(), row.given.extend(0.0).to_array());
+            Query { n, u: row.u.x, wo, v: row.u.y, lobes, wi }
+        };
+        let program = Program::new(shader, &case.rows().unwrap().iter().map(query).collect::<Vec<_>>()).unwrap();
+        program.run();
+        let answer = |answer: &Answer| conformance::Answer {
+            wi: Vec3A::from_array(answer.wi),
+            pdf: answer.pdf,
+            pdf_of_given: answer.pdf_of_given,
+        };
+        let answers: Vec<_> = program.answers().iter().map(answer).collect();
+        conformance::write_answers(folder.path(), name, &answers).unwrap();
+    }
+    let verdicts = conformance::check(folder.path()).unwrap();
+    verdicts.iter().for_each(|verdict| println!("{verdict}"));
+    assert!(verdicts.len() == 3 && verdicts.iter().all(conformance::Verdict::passed));
 }
 
 /// Returns layers of random weights between sizes, scaled so that activations neither grow nor shrink much.

@@ -84,8 +84,10 @@ pub fn read_answers(folder: &Path, name: &str) -> Result<Option<Vec<Answer>>> {
     Ok(Some(numbers.as_chunks().0.iter().map(answer).collect()))
 }
 
-/// Writes the answers to a case into a folder.
-#[cfg(test)]
+/// Writes the answers to a case into an existing folder.
+///
+/// # Errors
+/// If the file cannot be written.
 pub fn write_answers(folder: &Path, name: &str, answers: &[Answer]) -> Result<()> {
     let numbers: Vec<f32> = answers.iter().flat_map(results).collect();
     Ok(replace(&folder.join(answers_file(name)), &bytes(&numbers))?)

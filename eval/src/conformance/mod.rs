@@ -31,7 +31,7 @@ use headtail_render::{
 use crate::Result;
 
 pub use check::{Verdict, check};
-pub use kit::{kit_files, write_kit};
+pub use kit::{kit_files, write_answers, write_kit};
 
 /// The cases.
 const NAMES: [&str; 5] = ["emitter", "patches", "patches-glossy", "table", "mis-glossy"];
@@ -51,34 +51,42 @@ pub struct Case {
     pub name: &'static str,
     /// What the sampler is.
     pub what: &'static str,
-    /// The width of the surfaces' lobes; `None` on diffuse surfaces.
-    alpha: Option<f32>,
+    /// The width of the surfaces' lobes, whose reflectance at normal incidence is 1; `None` on diffuse surfaces.
+    pub alpha: Option<f32>,
     sampler: Arc<dyn Sampler>,
 }
 
 /// A row of a case: a draw from a uniform point, and the pdf of a given direction.
 #[derive(Clone, Copy, Debug, Default)]
-struct Row {
-    n: Vec3A,
-    wo: Vec3A,
-    u: Vec2,
-    given: Vec3A,
-    answer: Answer,
+pub struct Row {
+    /// Shading normal.
+    pub n: Vec3A,
+    /// Direction to the viewer.
+    pub wo: Vec3A,
+    /// Uniform point of the draw.
+    pub u: Vec2,
+    /// Given direction.
+    pub given: Vec3A,
+    /// The correct results.
+    pub answer: Answer,
 }
 
 /// The results of a row.
 #[derive(Clone, Copy, Debug, Default)]
-struct Answer {
+pub struct Answer {
     /// The drawn direction; zero where the pdf is 0.
-    wi: Vec3A,
+    pub wi: Vec3A,
     /// Its solid-angle pdf; 0 means no sample.
-    pdf: f32,
+    pub pdf: f32,
     /// The solid-angle pdf of the given direction.
-    pdf_of_given: f32,
+    pub pdf_of_given: f32,
 }
 
-/// The map: smooth light without symmetries, with lamps at the seam and beside a pole.
-fn map() -> Result<Arc<Environment>> {
+/// Returns the map: smooth light without symmetries, with lamps at the seam and beside a pole.
+///
+/// # Errors
+/// If memory is short.
+pub fn map() -> Result<Arc<Environment>> {
     let radiance = |index: usize| {
         let (column, row) = (index % WIDTH, index / WIDTH);
         let (turn, down) = ((column as f32 + 0.5) / WIDTH as f32, row as f32 / (HEIGHT - 1) as f32);
@@ -95,15 +103,21 @@ fn map() -> Result<Arc<Environment>> {
     Ok(Arc::new(Environment::from_image("conformance", Image { width: WIDTH, height: HEIGHT, pixels })?))
 }
 
-/// The table of the case `table`.
-fn table(map: &Arc<Environment>) -> Result<ExportedSampler> {
+/// Returns the table of the case `table`.
+///
+/// # Errors
+/// If memory is short.
+pub fn table(map: &Arc<Environment>) -> Result<ExportedSampler> {
     let warp = Tail::of_environment(TailKind::Hierarchical, map)?;
     let table = direct_bake(&warp, NormalGrid::new(8, 16)?, CellGrid::new(16, 16)?)?;
     Ok(ExportedSampler::new(Intermediate::DirectBake(table), TailKind::Hierarchical, map, None)?)
 }
 
-/// All cases.
-fn cases(map: &Arc<Environment>) -> Result<Vec<Case>> {
+/// Returns all cases.
+///
+/// # Errors
+/// If memory is short.
+pub fn cases(map: &Arc<Environment>) -> Result<Vec<Case>> {
     let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical)?;
     let patches = || PatchSampler::new(light.clone(), Detail::Leaves);
     let emitter = EmitterSampler::new(light.clone());
@@ -129,7 +143,10 @@ fn cases(map: &Arc<Environment>) -> Result<Vec<Case>> {
 
 impl Case {
     /// Returns the rows with their correct answers.
-    fn rows(&self) -> Result<Vec<Row>> {
+    ///
+    /// # Errors
+    /// If the sampler cannot be evaluated.
+    pub fn rows(&self) -> Result<Vec<Row>> {
         let mut random = Stream::new(11, Purpose::Test, 0);
         let mut rows = Vec::new();
         for point in 0..POINTS {

@@ -172,8 +172,8 @@ impl<'a> MomentMap<'a> {
 
     /// Returns the moments of `N` nodes side by side, of which `first` is the first; those beyond the map are dark.
     ///
-    /// The light of a cell is spread around its points with a variance of that of their distances, along either
-    /// tangent.
+    /// The light of a cell is spread around its points along either tangent, with the variance of a uniform density
+    /// between neighbouring ones.
     #[inline(always)]
     fn sums<const N: usize>(&self, first: Node) -> [Moments; N] {
         let (side, grid, points, columns) =
