@@ -15,10 +15,12 @@ drawn = draws.pdf > 0
 weights = np.maximum(draws.wi[drawn] @ n, 0) / np.pi / draws.pdf[drawn]
 print("reflected", (draws.radiance[drawn] * weights[:, None]).sum(0) / len(draws.pdf))
 
-# Glossy surfaces have a width and a direction to the viewer; pdf() is for MIS with samplers of your own.
+# Glossy surfaces have a width and a direction to the viewer; pdf() is for MIS with samplers of your own. Prepared
+# points make both cheaper; Sampler.sample and Sampler.pdf take the same arguments.
 wo = np.array([0.6, 0.8, 0], np.float32)
-glossy = sampler.sample(n, wo, alpha=0.3, count=4, seed=2)
-print("pdfs", sampler.pdf(glossy.wi, n, wo, alpha=0.3), glossy.pdf)
+points = sampler.prepare(n, wo, alpha=0.3, count=4)
+glossy = points.sample(seed=2)
+print("pdfs", points.pdf(glossy.wi), glossy.pdf)
 
 # Renderings and comparisons are arrays.
 table, _ = headtail.compare("sphere", env, ["mis", "patches"], spp=(4,), runs=2, reference_spp=128, width=64, height=48)

@@ -143,7 +143,7 @@ def _uniform(u):
 
 
 def _for_all(wi, count):
-    return wi if len(wi) == count else np.ascontiguousarray(np.broadcast_to(wi, (count, 3)))
+    return np.ascontiguousarray(np.broadcast_to(wi, (count, 3))) if len(wi) == 1 else wi
 
 
 def _results(count, radiance, out, native):
