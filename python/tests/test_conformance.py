@@ -69,7 +69,7 @@ def test_the_package_passes(kit):
         assert verdict["faults"] == [] and verdict["other_directions"] == verdict["wrong_pdfs"] == 0, verdict
 
 
-def test_samplers_in_dr_jit_pass_and_a_mirrored_map_is_named(kit, variant):
+def test_samplers_in_dr_jit_pass_and_mirrored_directions_are_found(kit, variant):
     import mitsuba as mi
     from headtail.mitsuba._patches import Patches, Point
     from headtail.mitsuba._table import Table
@@ -92,6 +92,5 @@ def test_samplers_in_dr_jit_pass_and_a_mirrored_map_is_named(kit, variant):
         product = (Table if name == "table" else Patches)(native[name]._native.arrays())
         answer(name, product)
         assert kit.check()[name]["faults"] == [], kit.check()[name]
-    # The first point's surface faces up, where a mirrored map differs by the light alone.
     answer("table", product, mirrored=-1)
     assert kit.check()["table"]["faults"] != []

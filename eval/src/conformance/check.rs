@@ -100,7 +100,7 @@ fn verdict(case: &Case, answers: &[Answer]) -> Result<Verdict> {
     }
     let at = |k: usize| if is_draw(&answers[k]) { answers[k].wi } else { rows[k].n };
     let drawn: Vec<Row> = (0..rows.len()).map(|k| Row { given: at(k), ..rows[k] }).collect();
-    let of_draws = case.pdfs(&drawn, |row| row.given)?;
+    let of_draws = case.pdfs(&drawn)?;
     let wrong_draws =
         fraction(&|k| answers[k].pdf.is_nan() || is_draw(&answers[k]) && differs(answers[k].pdf, of_draws[k]));
     if wrong_draws > BEYOND {
@@ -138,7 +138,7 @@ fn distribution_fault(case: &Case, rows: &[Row], answers: &[Answer]) -> Option<S
         let row = rows[part.start];
         let pdf = |wi: &[glam::Vec3A]| {
             let at: Vec<Row> = wi.iter().map(|&given| Row { given, ..row }).collect();
-            case.pdfs(&at, |row| row.given).expect("directions of unit length")
+            case.pdfs(&at).expect("directions of unit length")
         };
         let report = test.run(|_, _| directions(), pdf);
         if !report.passed() {

@@ -76,7 +76,7 @@ pub fn explain(
             .iter()
             .map(|row| Row { n: moved(row.n), wo: moved(row.wo), given: moved(row.given), ..*row })
             .collect();
-        let expected = case.pdfs(&elsewhere, |row| row.given)?;
+        let expected = case.pdfs(&elsewhere)?;
         let explains = |&&k: &&usize| !differs(pdfs[k], expected[k] * factor(rows[k].given));
         if wrong.iter().filter(explains).count() as f64 >= EXPLAINED * wrong.len() as f64 {
             return Ok(Some(text));

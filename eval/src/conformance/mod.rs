@@ -12,7 +12,7 @@ mod check;
 mod faults;
 mod kit;
 
-use std::{f32::consts::PI, sync::Arc};
+use std::sync::Arc;
 
 use glam::{Vec2, Vec3A};
 use headtail_render::{
@@ -25,6 +25,7 @@ use headtail_render::{
     patches::{Detail, PatchSampler},
     random::{Purpose, Stream},
     sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, Sampler},
+    simd::cos_sin_turns,
     tail::{Tail, TailKind},
 };
 
@@ -90,7 +91,9 @@ pub fn map() -> Result<Arc<Environment>> {
     let radiance = |index: usize| {
         let (column, row) = (index % WIDTH, index / WIDTH);
         let (turn, down) = ((column as f32 + 0.5) / WIDTH as f32, row as f32 / (HEIGHT - 1) as f32);
-        let sky = 0.3 + (1.0 - down) * (1.0 + 0.8 * (2.0 * PI * (turn - 0.1)).sin() + 0.3 * (6.0 * PI * turn).cos());
+        // The same bits on every system.
+        let ((_, sine), (cosine, _)) = (cos_sin_turns(turn - 0.1), cos_sin_turns(3.0 * turn));
+        let sky = 0.3 + (1.0 - down) * (1.0 + 0.8 * sine + 0.3 * cosine);
         let lamp = match (column, row) {
             (0 | 63, 12) => 60.0,
             (20, 1) => 80.0,
@@ -176,24 +179,20 @@ impl Case {
 
     /// Returns the correct answers for rows.
     fn answers(&self, rows: &[Row]) -> Result<Vec<Answer>> {
-        let list =
-            |of: &dyn Fn(&Row) -> Vec3A| -> Vec<[f32; 3]> { rows.iter().map(|row| of(row).to_array()).collect() };
-        let (n, wo) = (list(&|row| row.n), list(&|row| row.wo));
+        let (n, wo) = (vectors(rows, |row| row.n), vectors(rows, |row| row.wo));
         let u: Vec<[f32; 2]> = rows.iter().map(|row| row.u.to_array()).collect();
         let (mut wi, mut pdf) = (vec![[0.0; 3]; rows.len()], vec![0.0; rows.len()]);
         let out = DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None };
         let at = PointList { p: &[], n: &n, wo: &wo, surface: self.surface() };
         batch::sample(&*self.sampler, &at, Numbers::Given(&u), out)?;
-        let of_given = self.pdfs(rows, |row| row.given)?;
+        let of_given = self.pdfs(rows)?;
         let answer = |((wi, pdf), pdf_of_given)| Answer { wi: Vec3A::from_array(wi), pdf, pdf_of_given };
         Ok(wi.into_iter().zip(pdf).zip(of_given).map(answer).collect())
     }
 
-    /// Returns the pdfs of directions at the points of rows.
-    fn pdfs(&self, rows: &[Row], direction: impl Fn(&Row) -> Vec3A) -> Result<Vec<f32>> {
-        let list =
-            |of: &dyn Fn(&Row) -> Vec3A| -> Vec<[f32; 3]> { rows.iter().map(|row| of(row).to_array()).collect() };
-        let (n, wo, wi) = (list(&|row| row.n), list(&|row| row.wo), list(&direction));
+    /// Returns the correct pdfs of given directions.
+    fn pdfs(&self, rows: &[Row]) -> Result<Vec<f32>> {
+        let (n, wo, wi) = (vectors(rows, |row| row.n), vectors(rows, |row| row.wo), vectors(rows, |row| row.given));
         let mut out = vec![0.0; rows.len()];
         batch::pdf(&*self.sampler, &PointList { p: &[], n: &n, wo: &wo, surface: self.surface() }, &wi, &mut out)?;
         Ok(out)
@@ -207,7 +206,12 @@ impl Case {
     }
 }
 
-/// Sine of the polar angle of a direction.
+/// Returns a vector of each row.
+fn vectors(rows: &[Row], of: impl Fn(&Row) -> Vec3A) -> Vec<[f32; 3]> {
+    rows.iter().map(|row| of(row).to_array()).collect()
+}
+
+/// Returns the sine of the polar angle of a direction.
 fn sine(wi: Vec3A) -> f32 {
     latlong::sin_theta(latlong::square(wi).y)
 }

@@ -1,3 +1,5 @@
+use std::f32::consts::PI;
+
 use glam::Vec2;
 use headtail_render::latlong;
 
@@ -75,7 +77,7 @@ fn half_a_texel_is_named() {
     let shifted = verdicts(&map, |row, answer| {
         let x = latlong::square(row.given);
         let given = latlong::direction(Vec2::new((x.x + 0.5 / WIDTH as f32).fract(), x.y));
-        answer.pdf_of_given = emitter.pdfs(&[Row { given, ..*row }], |row| row.given).unwrap()[0];
+        answer.pdf_of_given = emitter.pdfs(&[Row { given, ..*row }]).unwrap()[0];
     });
     assert!(emitters_fault(&shifted).contains("half a texel too far left"), "{}", shifted[0]);
 }
@@ -113,7 +115,7 @@ fn draws_of_another_density_are_found() {
     let rows = cases[1].rows().unwrap();
     let mut answers = cases[0].answers(&rows).unwrap();
     let drawn: Vec<Row> = rows.iter().zip(&answers).map(|(row, answer)| Row { given: answer.wi, ..*row }).collect();
-    let pdfs = cases[1].pdfs(&drawn, |row| row.given).unwrap();
+    let pdfs = cases[1].pdfs(&drawn).unwrap();
     for ((answer, row), pdf) in answers.iter_mut().zip(&rows).zip(pdfs) {
         (answer.pdf, answer.pdf_of_given) = (pdf, row.answer.pdf_of_given);
     }
