@@ -86,17 +86,15 @@ fn half_a_texel_is_named() {
 fn other_axes_are_named() {
     let map = map().unwrap();
     let emitter = &cases(&map).unwrap()[0];
-    let axes: [(fn(Vec3A) -> Vec3A, &str); 2] = [
-        (|w| Vec3A::new(w.x, w.z, -w.y), "the vertical axis is z, not y"),
-        (|w| Vec3A::new(w.x, -w.y, w.z), "upside down"),
-    ];
-    for (in_map, words) in axes {
+    let other = |in_map: &dyn Fn(Vec3A) -> Vec3A, words: &str| {
         let other = verdicts(&map, |row, answer| {
             let row = Row { given: in_map(row.given), ..*row };
             answer.pdf_of_given = emitter.pdfs(&[row]).unwrap()[0];
         });
         assert!(emitters_fault(&other).contains(words), "{}", other[0]);
-    }
+    };
+    other(&|w| Vec3A::new(w.x, w.z, -w.y), "the vertical axis is z, not y");
+    other(&|w| Vec3A::new(w.x, -w.y, w.z), "upside down");
 }
 
 #[test]
