@@ -36,7 +36,7 @@ pub struct Arguments {
 /// Writes the kit, or checks answers.
 pub fn run(arguments: &Arguments) -> Result<()> {
     if let Some(folder) = &arguments.out {
-        let names = kit_files();
+        let names = kit_files()?;
         let output = OutputFolder::take(folder, &names.iter().map(String::as_str).collect::<Vec<_>>())?;
         output.begin()?;
         write_kit(folder)?;

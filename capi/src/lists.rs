@@ -103,6 +103,12 @@ pub unsafe fn point_list<'a>(points: *const HeadtailPoints, sampler: &OpenSample
         if sampler.needs_positions && points.p.is_null() {
             return Err(Failure::argument("p: is NULL; the sampler depends on positions".to_owned()));
         }
+        let is_of_gltf = !(points.metallic.is_null() && points.base_color.is_null());
+        if is_of_gltf && points.roughness.is_null() {
+            return Err(Failure::argument(
+                "roughness: is NULL; metallic and base_color are of surfaces that have it".to_owned(),
+            ));
+        }
         let surface = match (points.alpha.is_null(), points.roughness.is_null()) {
             (true, true) => SurfaceList::Diffuse,
             (false, true) => SurfaceList::Glossy {

@@ -208,7 +208,8 @@ impl Caller {
         let mut starts = lists.each_ref().map(|list| if self.one_in(3) { null() } else { self.start(list) });
         // Mostly one kind of surface.
         if !self.one_in(8) {
-            starts[if self.one_in(2) { 2 } else { 4 }] = null();
+            let others = if self.one_in(2) { 2..3 } else { 4..7 };
+            starts[others].fill(null());
         }
         let n = if self.one_in(20) { null() } else { lists[0].as_ptr() };
         let at = HeadtailPoints {

@@ -93,6 +93,9 @@ fn prepared_points_give_the_same_draws_and_outlive_their_sampler() {
         let both = HeadtailPoints { alpha: roughness.as_ptr(), alpha_count: 1, ..at };
         assert_eq!(headtail_points_prepare(sampler, &both, 40, &mut none), HeadtailStatus::Invalid);
         assert_eq!((error().as_str(), none), ("roughness: is of other surfaces than alpha", 0));
+        let smooth = HeadtailPoints { metallic: roughness.as_ptr(), metallic_count: 1, ..points(&[UP]) };
+        assert_eq!(headtail_points_prepare(sampler, &smooth, 40, &mut none), HeadtailStatus::Invalid);
+        assert!(error().contains("roughness: is NULL"), "{}", error());
         assert_eq!((headtail_close(sampler), headtail_close(map)), (HeadtailStatus::Ok, HeadtailStatus::Ok));
         let status = headtail_points_sample(prepared, 40, null(), 7, twice, second, null_mut());
         assert_eq!(status, HeadtailStatus::Ok, "{}", error());

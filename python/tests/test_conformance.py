@@ -46,8 +46,8 @@ def kit(program, tmp_path):
 
 
 def samplers(kit):
-    def alone(fine=False):
-        return Sampler(headtail._native.Sampler.patches_alone(kit.map._native, fine))
+    def alone():
+        return Sampler(headtail._native.Sampler.patches_alone(kit.map._native, False))
 
     return {
         "emitter": Sampler.from_spec("emitter", kit.map),

@@ -6,7 +6,7 @@ use headtail_render::statistics::SphereChiSquare;
 
 use serde::Serialize;
 
-use super::{Answer, Case, NAMES, POINTS, ROWS, Row, cases, faults::explain, kit::read_answers, map};
+use super::{Answer, Case, POINTS, ROWS, Row, cases, faults::explain, kit::read_answers, map};
 use crate::{Error, Result};
 
 /// Largest relative difference of a pdf: divisions and roots of other devices are off by a few units in the last place,
@@ -62,14 +62,14 @@ impl fmt::Display for Verdict {
 /// # Errors
 /// A file cannot be read or has another size, or there is none.
 pub fn check(folder: &Path) -> Result<Vec<Verdict>> {
-    let mut verdicts = Vec::new();
-    for case in cases(&map()?)? {
+    let (cases, mut verdicts) = (cases(&map()?)?, Vec::new());
+    for case in &cases {
         if let Some(answers) = read_answers(folder, case.name)? {
-            verdicts.push(verdict(&case, &answers)?);
+            verdicts.push(verdict(case, &answers)?);
         }
     }
     if verdicts.is_empty() {
-        let names = NAMES.join(", ");
+        let names = cases.iter().map(|case| case.name).collect::<Vec<_>>().join(", ");
         return Err(Error::file(folder, format!("has no answers: write NAME.answers.f32 for one or more of {names}")));
     }
     Ok(verdicts)

@@ -6,7 +6,7 @@ use glam::Vec3A;
 use headtail_render::file::replace;
 use serde_json::json;
 
-use super::{Answer, Case, HEIGHT, NAMES, POINTS, ROWS, Row, WIDTH, cases, map, table};
+use super::{Answer, Case, HEIGHT, POINTS, ROWS, Row, WIDTH, cases, map, table};
 use crate::{Error, Result};
 
 /// Inputs in a row of `NAME.f32`; results follow.
@@ -15,9 +15,13 @@ const INPUTS: [&str; 11] = ["n.x", "n.y", "n.z", "wo.x", "wo.y", "wo.z", "u.x", 
 const RESULTS: [&str; 5] = ["wi.x", "wi.y", "wi.z", "pdf", "pdf_of_given"];
 
 /// Returns the names of the files that [`write_kit`] writes.
-pub fn kit_files() -> Vec<String> {
-    let cases = NAMES.iter().map(|name| format!("{name}.f32"));
-    ["kit.json", "map.f32", "table.safetensors"].into_iter().map(str::to_owned).chain(cases).collect()
+///
+/// # Errors
+/// If memory is short.
+pub fn kit_files() -> Result<Vec<String>> {
+    let cases = cases(&map()?)?;
+    let fixed = ["kit.json", "map.f32", "table.safetensors"].map(str::to_owned);
+    Ok(fixed.into_iter().chain(cases.iter().map(|case| case_file(case.name))).collect())
 }
 
 /// Writes a kit into an existing folder.
@@ -31,7 +35,7 @@ pub fn write_kit(folder: &Path) -> Result<()> {
     let cases = cases(&map)?;
     for case in &cases {
         let numbers: Vec<f32> = case.rows()?.iter().flat_map(numbers).collect();
-        replace(&folder.join(format!("{}.f32", case.name)), &bytes(&numbers))?;
+        replace(&folder.join(case_file(case.name)), &bytes(&numbers))?;
     }
     let list: Vec<_> = cases.iter().map(description).collect();
     let kit = json!({
@@ -55,9 +59,13 @@ fn description(case: &Case) -> serde_json::Value {
         "alpha": case.alpha,
         "f0": case.alpha.map(|_| 1.0),
         "rows": POINTS * ROWS,
-        "file": format!("{}.f32", case.name),
+        "file": case_file(case.name),
         "answers": answers_file(case.name),
     })
+}
+
+fn case_file(name: &str) -> String {
+    format!("{name}.f32")
 }
 
 fn answers_file(name: &str) -> String {

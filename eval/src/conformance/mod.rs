@@ -34,9 +34,6 @@ use crate::Result;
 pub use check::{Verdict, check};
 pub use kit::{kit_files, write_answers, write_kit};
 
-/// The cases.
-const NAMES: [&str; 5] = ["emitter", "patches", "patches-glossy", "table", "mis-glossy"];
-
 /// Texels of the map.
 const WIDTH: usize = 64;
 const HEIGHT: usize = 32;

@@ -34,7 +34,8 @@ fn emitters_fault(verdicts: &[Verdict]) -> &str {
 #[test]
 fn correct_answers_pass() {
     let verdicts = verdicts(&map().unwrap(), |_, _| {});
-    assert_eq!(verdicts.iter().map(|verdict| verdict.name).collect::<Vec<_>>(), NAMES);
+    let names = ["emitter", "patches", "patches-glossy", "table", "mis-glossy"];
+    assert_eq!(verdicts.iter().map(|verdict| verdict.name).collect::<Vec<_>>(), names);
     for verdict in &verdicts {
         println!("{verdict}");
         // The pdf of a rounded direction differs at borders.
@@ -162,7 +163,7 @@ fn a_kit_has_the_files_that_are_listed() {
         .unwrap()
         .map(|file| file.unwrap().file_name().into_string().unwrap())
         .collect();
-    let mut listed = kit_files();
+    let mut listed = kit_files().unwrap();
     found.sort();
     listed.sort();
     assert_eq!(found, listed);
