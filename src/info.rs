@@ -1,4 +1,4 @@
-//! `headtail info`: describes a file.
+//! `headtail info`: describes a file, or the program and the machine.
 
 use std::path::{Path, PathBuf};
 
@@ -12,6 +12,7 @@ use headtail_render::{
     remark::Remark,
     rival::{RivalFile, RivalKind},
     scene::{FspyProject, Scene, UpAxis},
+    simd::instruction_set,
     spec::SamplerSpec,
     visibility::SceneVisibility,
 };
@@ -20,17 +21,18 @@ use serde_json::{Map, Value, json};
 
 use crate::terminal::{out, print_json};
 
-/// Describe a file.
-/// A sampler, map, picture, scene, material, precomputed visibility, checkpoint or fSpy project.
+/// Describe a file, or the program and this machine.
+/// A sampler, map, picture, scene, material, precomputed visibility, checkpoint or fSpy project; without a file: features of this build, threads, instruction set and graphics adapters.
 #[derive(Args)]
 #[command(after_help = "Examples:
+  headtail info
   headtail info out/room/sampler.safetensors
   headtail info room.hdr --json
   headtail info out/temple.exr")]
 pub struct Arguments {
     /// File to describe.
     #[arg(value_name = "FILE")]
-    file: PathBuf,
+    file: Option<PathBuf>,
     /// Print a JSON object.
     #[arg(long)]
     json: bool,
@@ -39,18 +41,48 @@ pub struct Arguments {
 /// Names and values, in the order in which they are shown.
 type Facts = Vec<(String, Value)>;
 
-/// Reads the file and prints its description.
+/// Prints the description.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let facts = facts(&arguments.file)?;
+    let facts = arguments.file.as_ref().map_or_else(|| Ok(machine()), |file| facts(file))?;
     if arguments.json {
         return print_json(&facts.into_iter().collect::<Map<String, Value>>());
     }
     let width = facts.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
     for (name, value) in &facts {
-        let text = value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+        let text = match value {
+            Value::String(text) => text.clone(),
+            Value::Array(lines) if lines.iter().all(Value::is_string) => {
+                lines.iter().filter_map(Value::as_str).collect::<Vec<_>>().join("\n")
+            }
+            value => value.to_string(),
+        };
         out!("{name:width$}  {}", text.trim_end().replace('\n', &format!("\n{:width$}  ", "")));
     }
     Ok(())
+}
+
+/// Describes the program and what it can use here.
+fn machine() -> Facts {
+    let features = [("flex", cfg!(feature = "flex")), ("gpu", cfg!(feature = "gpu")), ("wgpu", cfg!(feature = "wgpu"))];
+    let features: Vec<&str> = features.into_iter().filter_map(|(name, is_there)| is_there.then_some(name)).collect();
+    vec![
+        fact("version", env!("CARGO_PKG_VERSION")),
+        fact("features", features),
+        fact("threads", rayon::current_num_threads()),
+        fact("instruction_set", instruction_set().unwrap_or("portable")),
+        fact("adapters", adapters()),
+    ]
+}
+
+/// Names the graphics adapters; the first one is that of `--device gpu`.
+#[cfg(feature = "gpu")]
+fn adapters() -> Vec<String> {
+    headtail_gpu::Gpu::adapters()
+}
+
+#[cfg(not(feature = "gpu"))]
+fn adapters() -> Vec<String> {
+    vec!["not looked for: build with --features gpu".into()]
 }
 
 fn facts(path: &Path) -> Result<Facts> {

@@ -2,7 +2,7 @@
 //!
 //! All input is checked, since it comes from outside the program. Errors name the list and the row.
 
-use std::sync::{Arc, Mutex};
+use std::sync::Mutex;
 
 use crate::parallel::*;
 use glam::{Vec3, Vec3A};
@@ -12,12 +12,15 @@ use crate::{
     columns::Arena,
     environment::Environment,
     error::{Error, Result},
-    memory,
     points::{Dimension, PointSet, Points},
-    sampler::{Draws, Sampler, prepared},
-    simd::{LANES, Lanes},
+    sampler::{self, Draws, Sampler},
+    simd::Lanes,
     tile::{Rows, ShadingPoint, Tile},
 };
+
+mod prepared;
+
+pub use prepared::PreparedPoints;
 
 /// Points per thread and step.
 const TILE: usize = 1024;
@@ -125,83 +128,21 @@ fn each_tile<W: Default>(
 pub fn pdf(sampler: &dyn Sampler, at: &PointList<'_>, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
     at.check_lengths(out.len())?;
     check_length("wi", wi.len(), out.len())?;
+    each_tile_of_pdfs(wi, out, |work: &mut Workspace, first, wi, out| work.pdf(sampler, at, first, wi, out))
+}
+
+/// Calls `work` with the first point of each tile, and its parts of `wi` and `out`, which have the same length.
+fn each_tile_of_pdfs<W: Default>(
+    wi: &[[f32; 3]],
+    out: &mut [f32],
+    work: impl Fn(&mut W, usize, &[[f32; 3]], &mut [f32]) -> Result<()> + Sync,
+) -> Result<()> {
     let first_error = Mutex::new(None);
     let parts = out.par_chunks_mut(TILE).zip(wi.par_chunks(TILE)).enumerate();
-    parts.for_each_init(Workspace::default, |work, (index, (out, wi))| {
-        keep_first(&first_error, index, work.pdf(sampler, at, index * TILE, wi, out));
+    parts.for_each_init(W::default, |own, (index, (out, wi))| {
+        keep_first(&first_error, index, work(own, index * TILE, wi, out));
     });
     result_of(first_error)
-}
-
-/// Shading points with the state of a sampler, which draws from them and evaluates their pdfs any number of times:
-/// a renderer with MIS does both at every point.
-pub struct PreparedPoints {
-    sampler: Arc<dyn Sampler>,
-    count: usize,
-    tiles: Vec<(Tile, Vec<Lanes>)>,
-}
-
-impl PreparedPoints {
-    /// Bytes of a point besides the sampler's state.
-    const POINT_BYTES: u64 = 160;
-
-    /// Prepares `count` points: copies them, and computes what the sampler needs of each (for patches, 300 bytes).
-    ///
-    /// # Errors
-    /// As [`sample`].
-    pub fn new(sampler: Arc<dyn Sampler>, at: &PointList<'_>, count: usize) -> Result<Self> {
-        at.check_lengths(count)?;
-        let bytes = 4 * sampler.columns() as u64 + Self::POINT_BYTES;
-        // Asking the system takes longer than preparing a few points.
-        if count > TILE {
-            memory::require((count as u64).saturating_mul(bytes), || format!("{count} prepared points"))?;
-        }
-        let tile_at = |first: usize| {
-            let (mut tile, arena) = (Tile::default(), Arena::default());
-            at.fill(&mut tile, first, TILE.min(count - first))?;
-            let mut state = vec![[0.0; LANES]; sampler.columns() * tile.rows().strips()];
-            sampler.prepare(&tile.rows(), &mut state, &arena);
-            Ok((tile, state))
-        };
-        let tiles: Vec<Result<_>> =
-            (0..count.div_ceil(TILE)).into_par_iter().map(|index| tile_at(index * TILE)).collect();
-        let tiles = tiles.into_iter().collect::<Result<_>>()?;
-        Ok(Self { sampler, count, tiles })
-    }
-
-    /// Returns the number of points.
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// Draws one direction per point, the same as [`sample`].
-    ///
-    /// # Errors
-    /// As [`sample`].
-    pub fn sample(&self, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
-        check_length("pdf", out.pdf.len(), self.count)?;
-        each_tile(numbers, out, |arena: &mut Arena, first, out| {
-            let (tile, state) = &self.tiles[first / TILE];
-            draw(&*self.sampler, &tile.rows(), state, (first, numbers), out, arena)
-        })
-    }
-
-    /// Evaluates the solid-angle pdfs of unit directions, one per point, the same as [`pdf`].
-    ///
-    /// # Errors
-    /// As [`sample`].
-    pub fn pdf(&self, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
-        check_length("pdf", out.len(), self.count)?;
-        check_length("wi", wi.len(), self.count)?;
-        let first_error = Mutex::new(None);
-        let parts = out.par_chunks_mut(TILE).zip(wi.par_chunks(TILE)).enumerate();
-        parts.for_each_init(Arena::default, |arena, (index, (out, wi))| {
-            let (tile, state) = &self.tiles[index];
-            let result = evaluate(&*self.sampler, &tile.rows(), state, (index * TILE, wi), out, arena);
-            keep_first(&first_error, index, result);
-        });
-        result_of(first_error)
-    }
 }
 
 /// Looks up the radiance of a map from unit directions.
@@ -359,7 +300,7 @@ impl Workspace {
     ) -> Result<()> {
         at.fill(&mut self.tile, first, out.pdf.len())?;
         let (rows, arena) = (self.tile.rows(), &self.arena);
-        prepared(sampler, &rows, arena, |state| draw(sampler, &rows, state, (first, numbers), out, arena))
+        sampler::prepared(sampler, &rows, arena, |state| draw(sampler, &rows, state, (first, numbers), out, arena))
     }
 
     fn pdf(
@@ -372,7 +313,7 @@ impl Workspace {
     ) -> Result<()> {
         at.fill(&mut self.tile, first, out.len())?;
         let (rows, arena) = (self.tile.rows(), &self.arena);
-        prepared(sampler, &rows, arena, |state| evaluate(sampler, &rows, state, (first, wi), out, arena))
+        sampler::prepared(sampler, &rows, arena, |state| evaluate(sampler, &rows, state, (first, wi), out, arena))
     }
 }
 

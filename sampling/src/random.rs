@@ -44,6 +44,16 @@ impl Stream {
         Self(generator)
     }
 
+    /// Returns how many 32-bit words the numbers drawn so far took: one per uniform number.
+    pub fn position(&self) -> u64 {
+        self.0.get_word_pos() as u64
+    }
+
+    /// Moves to a [`position`](Self::position), forwards or backwards.
+    pub fn seek(&mut self, position: u64) {
+        self.0.set_word_pos(position.into());
+    }
+
     /// Draws a uniform number in `[0, 1)` with 24 bits.
     pub fn uniform(&mut self) -> f32 {
         (self.0.next_u32() >> 8) as f32 * (1.0 / 16_777_216.0)

@@ -66,16 +66,32 @@ impl Gpu {
         Ok(Self { device, queue, info: adapter.get_info(), failure })
     }
 
+    /// Names all adapters, graphics cards first and software last, in the order in which [`open`](Self::open) prefers
+    /// them.
+    pub fn adapters() -> Vec<String> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let mut found: Vec<wgpu::AdapterInfo> = found.iter().map(wgpu::Adapter::get_info).collect();
+        let order = [DeviceType::DiscreteGpu, DeviceType::IntegratedGpu, DeviceType::VirtualGpu, DeviceType::Other];
+        found.sort_by_key(|info| order.iter().position(|kind| *kind == info.device_type).unwrap_or(order.len()));
+        found.iter().map(name_of).collect()
+    }
+
     /// Opens a graphics card, with memory of its own; `None` if the fastest adapter is none.
     ///
     /// # Errors
     /// [`GpuError::Failed`] if it cannot be opened.
     pub fn open_card() -> Result<Option<Self>, GpuError> {
         match Self::open() {
-            Ok(gpu) => Ok((gpu.info.device_type == DeviceType::DiscreteGpu).then_some(gpu)),
+            Ok(gpu) => Ok(gpu.is_card().then_some(gpu)),
             Err(GpuError::NoAdapter) => Ok(None),
             Err(error) => Err(error),
         }
+    }
+
+    /// Returns whether the adapter is a graphics card, with memory of its own.
+    pub fn is_card(&self) -> bool {
+        self.info.device_type == DeviceType::DiscreteGpu
     }
 
     /// Returns whether the adapter computes in software.
@@ -154,7 +170,12 @@ impl Gpu {
     }
 
     /// Submits one dispatch of `groups` workgroups.
-    pub fn submit(&self, pipeline: &wgpu::ComputePipeline, bound: &wgpu::BindGroup, [x, y]: [u32; 2]) {
+    pub fn submit(
+        &self,
+        pipeline: &wgpu::ComputePipeline,
+        bound: &wgpu::BindGroup,
+        [x, y]: [u32; 2],
+    ) -> wgpu::SubmissionIndex {
         let mut encoder = self.device.create_command_encoder(&Default::default());
         {
             let mut pass = encoder.begin_compute_pass(&Default::default());
@@ -162,7 +183,17 @@ impl Gpu {
             pass.set_bind_group(0, bound, &[]);
             pass.dispatch_workgroups(x, y, 1);
         }
-        self.queue.submit([encoder.finish()]);
+        self.queue.submit([encoder.finish()])
+    }
+
+    /// Waits for submitted work.
+    ///
+    /// # Errors
+    /// As [`check`](Self::check).
+    pub fn wait(&self, work: wgpu::SubmissionIndex) -> Result<(), GpuError> {
+        let waited = self.device.poll(wgpu::PollType::Wait { submission_index: Some(work), timeout: None });
+        self.check()?;
+        waited.map(|_| ()).map_err(|error| GpuError::Failed(error.to_string()))
     }
 
     /// Waits for all work, and returns `count` numbers of a buffer from number `first` on.
@@ -194,9 +225,12 @@ impl Gpu {
 /// Names the adapter, its driver and its interface.
 impl fmt::Display for Gpu {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let wgpu::AdapterInfo { name, driver_info, backend, .. } = &self.info;
-        write!(f, "{name} ({backend}, {driver_info})")
+        f.write_str(&name_of(&self.info))
     }
+}
+
+fn name_of(wgpu::AdapterInfo { name, driver_info, backend, .. }: &wgpu::AdapterInfo) -> String {
+    format!("{name} ({backend}, {driver_info})")
 }
 
 /// Keeps the first of several reasons: what follows is often its consequence.

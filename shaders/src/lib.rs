@@ -137,17 +137,17 @@ impl Shader {
     ///
     /// # Errors
     /// If the arrays are not those of a tail, or hold more numbers than a device can address.
-    pub fn of_targets(tail: &Tail, sizes: &[(&str, usize)], alpha: f32) -> Result<Self> {
+    pub fn of_targets(tail: &Tail, sizes: [usize; training::TARGET_SIZES.len()], alpha: f32) -> Result<Self> {
         let arrays = tail.flat();
         let mut shader = Self::of_arrays(&arrays)?;
         let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
         let tail = tail_concepts(&arrays, &mut constant)?;
-        for (name, value) in sizes {
-            shader.define(name, *value);
+        for (name, value) in training::TARGET_SIZES.into_iter().zip(sizes) {
+            shader.define(name, value);
         }
         // Writing to a string cannot fail.
         let _ = writeln!(shader.source, "const ALPHA: f32 = {alpha:?};");
-        shader.append(&[&[SQUARE][..], &tail, &[BRDF, training::TARGETS]].concat());
+        shader.append(&[&[SQUARE][..], &tail, &[BRDF], &training::TARGETS].concat());
         Ok(shader)
     }
 

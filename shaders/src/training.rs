@@ -6,14 +6,34 @@
 
 use crate::RATIONAL_QUADRATIC;
 
-/// Draws targets; see [`crate::Shader::of_targets`].
-pub(crate) const TARGETS: &str = include_str!("../wgsl/train/targets.wgsl");
+/// Draws targets from random numbers; see [`crate::Shader::of_targets`].
+pub(crate) const TARGETS: [&str; 2] =
+    [include_str!("../wgsl/train/random.wgsl"), include_str!("../wgsl/train/targets.wgsl")];
 
 /// The constants of the shader that draws targets: numbers of points, of points per condition, of strata per
 /// side and of BRDF samples; place and stride of the conditions in the arena; whether surfaces are microfacets,
 /// and whether their width is part of the condition.
 pub const TARGET_SIZES: [&str; 8] =
     ["POINTS", "SAMPLES", "STRATA", "BRDF_SAMPLES", "CONDITIONS", "CONDITION_STRIDE", "IS_GLOSSY", "HAS_ALPHA"];
+
+/// The constants of the optimiser's shader: numbers of weights and of conditions; place in the arena of the
+/// gradient, which is followed by each condition's loss and whether it is lit; the largest number of steps; whether
+/// there is a moving average.
+pub const OPTIMIZER_SIZES: [&str; 5] = ["WEIGHTS", "CONDITIONS", "GRADIENT", "MOST_STEPS", "HAS_AVERAGE"];
+
+/// Its factors: those of AdamW, and the norm to which gradients are clipped.
+pub const OPTIMIZER_FACTORS: [&str; 4] = ["BETA_1", "BETA_2", "EPSILON", "CLIP_NORM"];
+
+/// Returns the shader of the optimiser, with the entry points `judge` and `move_weights`, for numbers in the order of
+/// [`OPTIMIZER_SIZES`] and [`OPTIMIZER_FACTORS`].
+pub fn optimizer(sizes: [usize; 5], factors: [f32; 4]) -> String {
+    let sizes = OPTIMIZER_SIZES.iter().zip(sizes).map(|(name, value)| format!("const {name}: u32 = {value}u;\n"));
+    let factors = OPTIMIZER_FACTORS.iter().zip(factors).map(|(name, value)| {
+        let finite = value.clamp(f32::MIN_POSITIVE, f32::MAX);
+        format!("const {name}: f32 = {finite:?};\n")
+    });
+    sizes.chain(factors).chain([include_str!("../wgsl/train/optimizer.wgsl").into()]).collect()
+}
 
 /// A shader, named as its entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -115,8 +135,15 @@ mod tests {
         let map = Environment::open("studio").unwrap();
         for kind in [TailKind::Hierarchical, TailKind::RowColumn] {
             let tail = Tail::of_environment(kind, &map).unwrap();
-            let sizes = TARGET_SIZES.map(|name| (name, 4));
-            assert_valid(kind.name(), "place_targets", &Shader::of_targets(&tail, &sizes, 0.25).unwrap().source);
+            let shader = Shader::of_targets(&tail, [4; TARGET_SIZES.len()], 0.25).unwrap();
+            assert_valid(kind.name(), "place_targets", &shader.source);
+        }
+    }
+
+    #[test]
+    fn the_shader_of_the_optimiser_is_valid() {
+        for entry in ["judge", "move_weights"] {
+            assert_valid("optimizer", entry, &optimizer([4; 5], [0.0, 0.9, 1e-8, f32::INFINITY]));
         }
     }
 

@@ -209,7 +209,7 @@ fn json_output_contains_only_data() {
 }
 
 #[test]
-fn info_describes_files() {
+fn info_describes_files_and_the_machine() {
     let here = folder();
     let path = here.path();
     succeed(path, &format!("{VIEW} --out a.exr"));
@@ -220,6 +220,9 @@ fn info_describes_files() {
     succeed(path, "fit --env overcast --material lambert --steps 2 --set conditions=4 --checkpoint-dir ck --out f");
     assert!(succeed(path, "info f/sampler.safetensors").contains(" --sampler head+mis:f/sampler.safetensors\n"));
     assert!(succeed(path, "info ck/step-000000002").contains("a checkpoint of a training"));
+    let machine: serde_json::Value = serde_json::from_str(&succeed(path, "info --json")).unwrap();
+    assert_eq!(machine["version"], env!("CARGO_PKG_VERSION"));
+    assert!(machine["threads"].as_u64().is_some_and(|threads| threads > 0) && machine["adapters"].is_array());
     assert!(fail(path, "info f").contains("it is a folder"));
     fs::write(path.join("x"), "text").unwrap();
     assert!(fail(path, "info x").starts_with("x: "));

@@ -11,7 +11,7 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, GradientSource, Preset, Result, Viewpoints, build_target,
+    Backend, GradientSource, Preset, Result, TrainingState, Viewpoints, build_target,
     device::{DeviceGradient, KernelTime},
 };
 
@@ -30,12 +30,12 @@ fn main() -> Result<()> {
         [1 << 14, 1 << 15, 1 << 16, 1 << 17, 1 << 18].into_iter().filter(|&size| size == 1 << 14 || size < 2 * points)
     {
         let mut device = DeviceGradient::new(&head)?.in_pieces_of(together);
-        let mut step = |index| device.gradient_of_step(&weights, &config, &*target, index);
+        let mut state = TrainingState::new(&config, weights.clone());
         // Compiles the shaders.
-        step(0)?;
-        let start = Instant::now();
-        for index in 1..=steps {
-            step(index as u64)?;
+        device.take_steps(&config, &*target, &mut state, 1)?;
+        let (start, mut taken) = (Instant::now(), 0);
+        while taken < steps {
+            taken += device.take_steps(&config, &*target, &mut state, steps - taken)?.len();
         }
         let seconds = start.elapsed().as_secs_f64();
         println!(

@@ -78,7 +78,8 @@ impl BackendTrial {
             let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step as u64)?;
             let drawn = start.elapsed().as_secs_f64();
             let gradient = source.gradient(&state.parameters.weights, config.objective(), &batch)?;
-            state.apply(&config, gradient)?;
+            let outcome = state.move_by(&config, gradient);
+            state.end_step(&config, outcome)?;
             if step > 0 || self.steps == 1 {
                 drawing += drawn;
                 stepping += start.elapsed().as_secs_f64() - drawn;
@@ -87,10 +88,8 @@ impl BackendTrial {
             losses.push(state.loss.unwrap_or(f32::NAN));
             watch(step + 1);
         }
-        let mut with_targets = stepping + drawing;
-        if source.draws(target) {
-            with_targets = self.seconds_with_targets(&config, target, &mut *source, &mut state)?;
-        }
+        let own = self.seconds_of_own_steps(&config, target, &mut *source, head.flat_weights())?;
+        let with_targets = own.unwrap_or(stepping + drawing);
         let peak_memory_bytes = peak_memory::bytes();
         let apart = |(a, b): (&f32, &f32)| (a - b).abs();
         let largest_loss_difference = losses.iter().zip(others).map(apart).fold(0.0, f32::max);
@@ -109,24 +108,28 @@ impl BackendTrial {
         })
     }
 
-    /// Returns the seconds of as many more timed steps, whose targets `source` draws.
-    fn seconds_with_targets(
+    /// Returns the seconds of as many timed steps from the start, if `source` takes steps by itself.
+    fn seconds_of_own_steps(
         &self,
         config: &FitConfig,
         target: &dyn Target,
         source: &mut dyn GradientSource,
-        state: &mut TrainingState,
-    ) -> Result<f64> {
-        let mut seconds = 0.0;
-        for step in 0..self.steps {
-            let start = Instant::now();
-            let gradient = source.gradient_of_step(&state.parameters.weights, config, target, step as u64)?;
-            state.apply(config, gradient)?;
-            if step > 0 || self.steps == 1 {
-                seconds += start.elapsed().as_secs_f64();
+        weights: Vec<f32>,
+    ) -> Result<Option<f64>> {
+        let mut state = TrainingState::new(config, weights);
+        let mut start = Instant::now();
+        while state.step < self.steps {
+            if state.step == 1 {
+                start = Instant::now();
             }
+            let most = if state.step == 0 { 1 } else { self.steps - state.step };
+            let outcomes = source.take_steps(config, target, &mut state, most)?;
+            if outcomes.is_empty() {
+                return Ok(None);
+            }
+            outcomes.into_iter().try_for_each(|outcome| state.end_step(config, outcome))?;
         }
-        Ok(seconds)
+        Ok(Some(start.elapsed().as_secs_f64()))
     }
 
     /// Returns [`TrialRow::gradient_error`] on a small batch.

@@ -4,11 +4,14 @@ use std::{cmp, sync::atomic::AtomicBool};
 
 use burn::prelude::Device;
 use headtail_model::Head;
+use headtail_render::random::Purpose;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     Divergence, Error, FitConfig, GradientSource, Progress, Result, Run, StepGradient, Target, TrainingState,
     config::name_of,
+    integrand::Batch,
+    state::Outcome,
     trainer::{Trainable, Trainer},
     validation::Validation,
 };
@@ -127,7 +130,15 @@ impl HeadTraining<'_> {
 
 impl Trainable for HeadTraining<'_> {
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
-        self.source.gradient_of_step(weights, self.config, self.target, step as u64)
+        let Self { config, target, .. } = *self;
+        let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step as u64)?;
+        self.source.gradient(weights, config.objective(), &batch)
+    }
+
+    fn take_steps(&mut self, state: &mut TrainingState, most: usize) -> Result<Vec<Outcome>> {
+        let every = self.config.validate_every;
+        let most = state.step.checked_rem(every).map_or(most, |since| most.min(every - since));
+        self.source.take_steps(self.config, self.target, state, most)
     }
 
     fn divergence(&mut self, state: &TrainingState) -> Option<Divergence> {

@@ -62,6 +62,13 @@ pub struct BestValidation {
     pub parameters: Parameters,
 }
 
+/// Returns the factor by which the moving average decays after `m` moves: at most `(1 + m) / (10 + m)`, which
+/// discounts the start.
+pub(crate) fn average_decay(decay: f32, moves: u64) -> f32 {
+    let moves = moves as f32;
+    decay.min((1.0 + moves) / (10.0 + moves))
+}
+
 /// Stores a divergence as bits of f64: JSON decimals are read to within 1 ULP.
 mod bits {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -77,6 +84,17 @@ mod bits {
         let [kl, log_chi_square, relative_variance] = <[u64; 3]>::deserialize(deserializer)?.map(f64::from_bits);
         Ok(Divergence { kl, log_chi_square, relative_variance })
     }
+}
+
+/// What became of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Outcome {
+    /// The weights moved; with the step's loss.
+    Moved(f32),
+    /// The loss, which is given, or the gradient was not finite: nothing moved.
+    Skipped(f32),
+    /// The batch had no light.
+    Dark,
 }
 
 impl Parameters {
@@ -98,11 +116,9 @@ impl Parameters {
         if self.average.is_empty() { &self.weights } else { &self.average }
     }
 
-    /// Updates the moving average. After `m` moves it decays by at most `(1 + m) / (10 + m)`, which discounts
-    /// the start.
+    /// Updates the moving average.
     fn average_weights(&mut self, decay: f32) {
-        let moves = self.optimizer.moves as f32;
-        let decay = decay.min((1.0 + moves) / (10.0 + moves));
+        let decay = average_decay(decay, self.optimizer.moves);
         for (average, weight) in self.average.iter_mut().zip(&self.weights) {
             *average = decay * *average + (1.0 - decay) * weight;
         }
@@ -125,22 +141,34 @@ impl TrainingState {
         self.rate_factor * learning_rate(config, self.groups[0].1, step)
     }
 
-    /// Ends a step with its gradient, or without one.
+    /// Moves the parameters by the gradient of a step, if there is one that is finite. [`Self::end_step`] follows.
+    pub fn move_by(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Outcome {
+        let Some(StepGradient { loss, d_weight }) = gradient else { return Outcome::Dark };
+        let rate = |peak| self.rate_factor * learning_rate(config, peak, self.step);
+        let rates: Vec<_> = self.groups.iter().map(|&(length, peak)| (length, rate(peak))).collect();
+        let Parameters { weights, optimizer, .. } = &mut self.parameters;
+        if !(loss.is_finite() && optimizer.step(config, &rates, weights, &d_weight)) {
+            return Outcome::Skipped(loss);
+        }
+        self.parameters.average_weights(config.ema_decay);
+        Outcome::Moved(loss)
+    }
+
+    /// Counts a step, whose parameters have moved already.
     ///
     /// # Errors
     /// [`Error::Diverged`] after more than `max_skipped` steps that were not finite.
-    pub fn apply(&mut self, config: &FitConfig, gradient: Option<StepGradient>) -> Result<()> {
-        if let Some(StepGradient { loss, d_weight }) = gradient {
-            self.loss = Some(loss);
-            let rate = |peak| self.rate_factor * learning_rate(config, peak, self.step);
-            let rates: Vec<_> = self.groups.iter().map(|&(length, peak)| (length, rate(peak))).collect();
-            let Parameters { weights, optimizer, .. } = &mut self.parameters;
-            if loss.is_finite() && optimizer.step(config, &rates, weights, &d_weight) {
-                self.parameters.average_weights(config.ema_decay);
+    pub fn end_step(&mut self, config: &FitConfig, outcome: Outcome) -> Result<()> {
+        match outcome {
+            Outcome::Moved(loss) => {
+                self.loss = Some(loss);
                 self.mean_loss = Some(self.mean_loss.map_or(loss, |mean| mean + LOSS_WEIGHT * (loss - mean)));
-            } else {
+            }
+            Outcome::Skipped(loss) => {
+                self.loss = Some(loss);
                 self.skipped += 1;
             }
+            Outcome::Dark => {}
         }
         self.step += 1;
         if self.skipped > config.max_skipped {

@@ -1,8 +1,6 @@
 //! A step's gradient: the interface between the training loop and its implementations.
 
-use headtail_render::random::Purpose;
-
-use crate::{FitConfig, Objective, Result, Target, integrand::Batch};
+use crate::{FitConfig, Objective, Result, Target, TrainingState, integrand::Batch, state::Outcome};
 
 /// Loss and gradient of one step.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,26 +32,20 @@ pub trait GradientSource: Send {
     /// If a graphics device fails or has too little memory.
     fn gradient(&mut self, weights: &[f32], objective: Objective, batch: &Batch) -> Result<Option<StepGradient>>;
 
-    /// Returns the gradient of a step of a run, whose batch is a function of the configuration, the target and the
-    /// step; implementations that draw it themselves draw the same one, to rounding. All calls are for one target.
+    /// Takes steps of a run by itself, at most `most`, and returns what became of each; nothing if the caller takes
+    /// them. The parameters of `state` move; the batch of a step is that of [`Batch::draw`], to rounding. All
+    /// calls are for one configuration and one target.
     ///
     /// # Errors
     /// As [`gradient`](Self::gradient), and [`Error::BadTarget`](crate::Error::BadTarget).
-    fn gradient_of_step(
+    fn take_steps(
         &mut self,
-        weights: &[f32],
-        config: &FitConfig,
-        target: &dyn Target,
-        step: u64,
-    ) -> Result<Option<StepGradient>> {
-        let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)?;
-        self.gradient(weights, config.objective(), &batch)
-    }
-
-    /// Returns whether [`gradient_of_step`](Self::gradient_of_step) draws this target faster than
-    /// [`Batch::draw`].
-    fn draws(&self, _target: &dyn Target) -> bool {
-        false
+        _config: &FitConfig,
+        _target: &dyn Target,
+        _state: &mut TrainingState,
+        _most: usize,
+    ) -> Result<Vec<Outcome>> {
+        Ok(Vec::new())
     }
 
     /// Names what computes.

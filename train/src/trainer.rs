@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::{
     Divergence, Error, FitConfig, Result, StepGradient,
-    state::{TrainingState, as_json},
+    state::{Outcome, TrainingState, as_json},
 };
 
 /// Statistics after a step.
@@ -81,6 +81,13 @@ pub(crate) trait Trainable {
     /// has no light. The caller skips results that are not finite.
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>>;
 
+    /// Takes steps of `state` by itself, at most `most`, and returns what became of each; nothing if the trainer takes
+    /// them, by [`Self::gradient`]. The parameters of `state` move, all else is left to the caller, who needs
+    /// none of the parameters in between.
+    fn take_steps(&mut self, _state: &mut TrainingState, _most: usize) -> Result<Vec<Outcome>> {
+        Ok(Vec::new())
+    }
+
     /// Returns whether training ends before all steps are done.
     fn is_done(&mut self, _state: &TrainingState) -> bool {
         false
@@ -146,22 +153,41 @@ impl<'a> Trainer<'a> {
             if self.run.interrupt.load(Ordering::Relaxed) {
                 return Ok(true);
             }
-            let gradient = training.gradient(&self.state.parameters.weights, self.state.step)?;
-            self.state.apply(&self.config, gradient)?;
-            if self.state.step == self.config.steps {
-                break;
+            let most = self.steps_to_the_next_save();
+            let mut outcomes = training.take_steps(&mut self.state, most)?;
+            if outcomes.is_empty() {
+                let gradient = training.gradient(&self.state.parameters.weights, self.state.step)?;
+                outcomes.push(self.state.move_by(&self.config, gradient));
             }
-            let divergence = training.divergence(&self.state);
-            // Before the checkpoint, so that a resumed run has reported everything up to it.
-            self.report(divergence)?;
-            if let Some(divergence) = divergence {
-                self.state.judge(&self.config, divergence);
-            }
-            if self.run.checkpoints.is_some_and(|checkpoints| self.state.step.is_multiple_of(checkpoints.every())) {
-                self.save()?;
+            for outcome in outcomes {
+                self.state.end_step(&self.config, outcome)?;
+                if self.state.step < self.config.steps {
+                    self.follow(training)?;
+                }
             }
         }
         Ok(false)
+    }
+
+    /// Returns the number of steps up to the next checkpoint or the end.
+    fn steps_to_the_next_save(&self) -> usize {
+        let every = self.run.checkpoints.map_or(0, Checkpoints::every);
+        let left = self.config.steps - self.state.step;
+        self.state.step.checked_rem(every).map_or(left, |since| left.min(every - since))
+    }
+
+    /// Reports, validates and saves what is due after a step that is not the last.
+    fn follow(&mut self, training: &mut dyn Trainable) -> Result<()> {
+        let divergence = training.divergence(&self.state);
+        // Before the checkpoint, so that a resumed run has reported everything up to it.
+        self.report(divergence)?;
+        if let Some(divergence) = divergence {
+            self.state.judge(&self.config, divergence);
+        }
+        if self.run.checkpoints.is_some_and(|checkpoints| self.state.step.is_multiple_of(checkpoints.every())) {
+            self.save()?;
+        }
+        Ok(())
     }
 
     /// Reports the end of the run and saves it.

@@ -2,7 +2,10 @@
 //!
 //! Without a graphics adapter, not even a software one, the tests say so and count as ignored.
 
-use std::sync::atomic::AtomicBool;
+use std::{
+    path::Path,
+    sync::atomic::{AtomicBool, Ordering},
+};
 
 use headtail_model::{Condition, EncoderConfig, Head, HeadConfig, Mode};
 use headtail_render::{
@@ -11,9 +14,9 @@ use headtail_render::{
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, Batch, CosineTarget, FitConfig, GradientForm, GradientSource, Loss, Objective, Preset, Progress,
-    StepGradient, Viewpoints, build_target, condition_of, device::DeviceGradient, fit, fused::FusedGradient,
-    integrand::BatchShape,
+    Backend, Batch, Checkpoints, CosineTarget, FitConfig, GradientForm, GradientSource, Loss, Objective, Preset, Run,
+    StateFile, StepGradient, TrainingState, Viewpoints, build_target, condition_of, device::DeviceGradient, fit_with,
+    fused::FusedGradient, integrand::BatchShape, state,
 };
 use libtest_mimic::{Arguments, Failed, Trial};
 
@@ -120,23 +123,97 @@ fn same_targets_as_the_host() -> Outcome {
     Ok(())
 }
 
-/// Ten steps of training have the losses of the fused form.
-fn same_losses_as_the_fused_form() -> Outcome {
-    let map = Environment::open("studio")?;
-    let tail = Tail::of_environment(TailKind::Hierarchical, &map)?;
-    let losses = |gradient| -> Result<Vec<f32>, Failed> {
-        let mut losses = Vec::new();
-        let config = FitConfig { gradient, steps: 10, conditions: 8, strata: 4, ..FitConfig::default() };
-        let mut progress = |now: &Progress| losses.push(now.loss);
-        fit(&config, &CosineTarget::new(&tail), &mut progress, &AtomicBool::new(false))?;
-        Ok(losses)
-    };
-    let (expected, found) = (losses(GradientForm::Fused)?, losses(GradientForm::Device)?);
+/// A run of ten steps, with a norm that clips most gradients.
+fn short_run(gradient: GradientForm) -> FitConfig {
+    FitConfig { gradient, steps: 10, conditions: 8, strata: 4, clip_norm: 0.5, ..FitConfig::default() }
+}
+
+/// Fails unless the losses of two runs of [`short_run`] agree.
+fn same_losses(expected: &[f32], found: &[f32]) -> Outcome {
     // The first is that of no step.
     let apart = |(a, b): (&f32, &f32)| (a - b).abs();
     let largest = expected[1..].iter().zip(&found[1..]).map(apart).fold(0.0, f32::max);
-    if !(largest < 1e-3 && expected.len() == 11) {
+    if !(largest < 1e-3 && expected.len() == 11 && found.len() == 11) {
         return Err(format!("{expected:?} and {found:?}").into());
+    }
+    Ok(())
+}
+
+/// Trains on light of a map, with checkpoints if a file is given, and returns the head's weights and all losses.
+fn train(config: &FitConfig, file: Option<(&Path, usize)>, stop_after: usize) -> Result<(Vec<f32>, Vec<f32>), Failed> {
+    let tail = Tail::of_environment(TailKind::Hierarchical, &Environment::open("studio")?)?;
+    let (mut losses, interrupt) = (Vec::new(), AtomicBool::new(false));
+    let file = file.map(|(path, every)| StateFile { path, every, target: "studio".into(), done: &[] });
+    let run = Run {
+        progress: &mut |now| {
+            losses.push(now.loss);
+            interrupt.store(now.step >= stop_after, Ordering::Relaxed);
+            Ok(())
+        },
+        interrupt: &interrupt,
+        checkpoints: file.as_ref().map(|file| file as &dyn Checkpoints),
+        warn: &mut |_| {},
+    };
+    let fitted = fit_with(config, &CosineTarget::new(&tail), run)?;
+    Ok((fitted.head.flat_weights(), losses))
+}
+
+/// Ten steps of training have the losses of the fused form.
+fn same_losses_as_the_fused_form() -> Outcome {
+    let losses = |form| train(&short_run(form), None, 10).map(|(_, losses)| losses);
+    same_losses(&losses(GradientForm::Fused)?, &losses(GradientForm::Device)?)
+}
+
+/// Steps are taken together up to a validation, which must not change them.
+fn same_bytes_however_steps_are_grouped() -> Outcome {
+    let config = short_run(GradientForm::Device);
+    let losses = |validate_every| {
+        let (_, losses) = train(&FitConfig { validate_every, ..config.clone() }, None, 10)?;
+        Ok::<_, Failed>(losses.into_iter().map(f32::to_bits).collect::<Vec<_>>())
+    };
+    let expected = losses(0)?;
+    for validate_every in [1, 3] {
+        if losses(validate_every)? != expected {
+            return Err(format!("validated every {validate_every} steps").into());
+        }
+    }
+    Ok(())
+}
+
+/// A run that the host begins is finished by the device, and the other way round.
+fn a_run_moves_between_host_and_device() -> Outcome {
+    let (_, expected) = train(&short_run(GradientForm::Fused), None, 10)?;
+    let folder = tempfile::tempdir()?;
+    for [first, second] in [[GradientForm::Fused, GradientForm::Device], [GradientForm::Device, GradientForm::Fused]] {
+        let path = folder.path().join(first.to_string());
+        let (_, mut losses) = train(&short_run(first), Some((&path, 4)), 4)?;
+        // The interrupted run's last loss is reported twice.
+        losses.truncate(5);
+        losses.extend(train(&short_run(second), Some((&path, 4)), 10)?.1.split_off(1));
+        same_losses(&expected, &losses)?;
+    }
+    Ok(())
+}
+
+/// Weights that are not finite are left as they are, and the run ends.
+fn steps_that_are_not_finite_are_skipped() -> Outcome {
+    let tail = Tail::of_environment(TailKind::Hierarchical, &Environment::open("studio")?)?;
+    let config = short_run(GradientForm::Device);
+    let (head, mut weights) = head(config.head, 0.1);
+    weights.fill(f32::NAN);
+    let mut state = TrainingState::new(&config, weights.clone());
+    let outcomes = DeviceGradient::new(&head)?.take_steps(&config, &CosineTarget::new(&tail), &mut state, 3)?;
+    let moments = &state.parameters.optimizer;
+    let is_same = |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits();
+    let are_same = state.parameters.weights.iter().zip(&weights).all(is_same);
+    let skipped = outcomes.iter().filter(|outcome| matches!(outcome, state::Outcome::Skipped(_))).count();
+    if !(are_same
+        && !outcomes.is_empty()
+        && skipped == outcomes.len()
+        && moments.moves == 0
+        && moments.first_moments.iter().all(|&m| m == 0.0))
+    {
+        return Err(format!("{outcomes:?}, {} moves, weights kept: {are_same}", moments.moves).into());
     }
     Ok(())
 }
@@ -189,6 +266,9 @@ fn main() {
         Trial::test("too_many_points_of_a_condition_are_refused", too_many_points_of_a_condition_are_refused),
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
         Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),
+        Trial::test("same_bytes_however_steps_are_grouped", same_bytes_however_steps_are_grouped),
+        Trial::test("a_run_moves_between_host_and_device", a_run_moves_between_host_and_device),
+        Trial::test("steps_that_are_not_finite_are_skipped", steps_that_are_not_finite_are_skipped),
     ];
     for mode in [Mode::Coupled, Mode::Autoregressive] {
         for (name, loss, entropic, config) in [

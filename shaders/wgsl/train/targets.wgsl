@@ -1,4 +1,4 @@
-// The points of a batch and the target there, from uniform numbers: strata of Y and BRDF samples, weighted by the balance heuristic, as in
+// The points of a batch and the target there: strata of Y and BRDF samples, weighted by the balance heuristic, as in
 // `headtail_train::Batch`. One thread per point. Numbers of the batch are in the order that `loss.wgsl` reads.
 
 @group(0) @binding(2) var<storage, read_write> batch: array<f32>;
@@ -30,7 +30,7 @@ fn place_targets(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_work
         if (HAS_ALPHA == 1u) { alpha = condition_number(10u, condition); }
         alpha = clamp(alpha, 1e-3, 1.0);
     }
-    let u = vec2<f32>(batch[2u * place], batch[2u * place + 1u]);
+    let u = uniform_point(condition, index);
     var y = (vec2<f32>(f32(index % STRATA), f32(index / STRATA)) + u) / f32(STRATA);
     var is_there = true;
     if (index >= STRATA * STRATA) {

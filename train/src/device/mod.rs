@@ -13,21 +13,23 @@
 //! | `conditions.rs`, `piece.rs` | what is computed per condition; per point, for some conditions |
 //! | `plan.rs` | all dispatches of a step |
 //! | `targets.rs` | drawing targets |
+//! | `optimizer.rs`, `steps.rs` | moving the weights; steps of a run without waiting for each |
 //! | `profile.rs` | the time of each shader |
 //! | `mod.rs` | buffers, pipelines, and a step |
 
 mod conditions;
 mod dispatch;
 mod memory;
+mod optimizer;
 mod piece;
 mod plan;
 mod profile;
+mod steps;
 mod targets;
 
 use std::collections::HashMap;
 
 use headtail_model::Head;
-use headtail_render::random::Purpose;
 use headtail_shaders::{
     gpu::{Gpu, GpuError},
     training::Kernel,
@@ -35,13 +37,13 @@ use headtail_shaders::{
 use wgpu::{BufferBindingType, BufferUsages, ShaderStages};
 
 use crate::{
-    Error, FitConfig, GradientSource, Objective, Result, StepGradient, Target,
-    fused::Layout,
-    integrand::{Batch, UniformBatch},
+    Error, FitConfig, GradientSource, Objective, Result, StepGradient, Target, TrainingState, fused::Layout,
+    integrand::Batch, state::Outcome,
 };
 
 use dispatch::Dispatch;
 use memory::Shape;
+use optimizer::Optimizer;
 use plan::Plan;
 pub use profile::KernelTime;
 use targets::Targets;
@@ -50,8 +52,10 @@ use targets::Targets;
 /// require.
 const PARAMETERS: u64 = 256;
 
-/// Points that pass through the networks together: many more than a device has threads.
+/// Points that pass through the networks together: many more than a device has threads. A card takes as many as the
+/// paper's batch has, since the dispatches of a piece wait for one another.
 const POINTS: usize = 1 << 16;
+const POINTS_OF_CARD: usize = 1 << 18;
 
 /// Computes gradients of heads of one shape on a graphics device.
 pub struct DeviceGradient {
@@ -63,14 +67,6 @@ pub struct DeviceGradient {
     weights: wgpu::Buffer,
     points: usize,
     prepared: Option<Prepared>,
-    next: Option<Next>,
-}
-
-/// The numbers of a step to come.
-struct Next {
-    seed: u64,
-    step: u64,
-    batch: UniformBatch,
 }
 
 /// What a shape of batches and an objective need.
@@ -83,6 +79,8 @@ struct Prepared {
     group: wgpu::BindGroup,
     /// What draws the targets, if the device does.
     targets: Option<Targets>,
+    /// What moves the weights, if the device does.
+    optimizer: Option<Optimizer>,
 }
 
 impl From<GpuError> for Error {
@@ -115,6 +113,7 @@ impl DeviceGradient {
     }
 
     fn on(gpu: Gpu, head: &Head) -> Result<Self> {
+        let points = if gpu.is_card() { POINTS_OF_CARD } else { POINTS };
         let layout = Layout::new(*head.config());
         assert_eq!(layout.length, head.weight_count(), "the layout is that of the head's flat weights");
         let bindings = bindings(&gpu.device);
@@ -122,17 +121,7 @@ impl DeviceGradient {
             wgpu::PipelineLayoutDescriptor { label: None, bind_group_layouts: &[Some(&bindings)], immediate_size: 0 };
         let pipeline_layout = gpu.device.create_pipeline_layout(&descriptor);
         let weights = gpu.buffer("the head's weights", 4 * layout.length as u64)?;
-        Ok(Self {
-            gpu,
-            layout,
-            bindings,
-            pipeline_layout,
-            pipelines: HashMap::new(),
-            weights,
-            points: POINTS,
-            prepared: None,
-            next: None,
-        })
+        Ok(Self { gpu, layout, bindings, pipeline_layout, pipelines: HashMap::new(), weights, points, prepared: None })
     }
 
     /// Sets how many points pass through the networks together, at least those of one condition: more keep a
@@ -142,34 +131,6 @@ impl DeviceGradient {
         self.points = points;
         self.prepared = None;
         self
-    }
-
-    /// Returns the batch of a step as the device draws it; `None` for a target that shaders do not know.
-    ///
-    /// # Errors
-    /// If the device fails or has too little memory.
-    pub fn batch(&mut self, config: &FitConfig, target: &dyn Target, step: u64) -> Result<Option<Batch>> {
-        if target.shader_target().is_none() {
-            return Ok(None);
-        }
-        let uniform = uniform_batch(config, target, step);
-        self.draw_targets(config, target, &uniform)?;
-        let Some(Prepared { shape, batch, .. }) = &self.prepared else { return Ok(None) };
-        let (samples, points) = (shape.samples, shape.conditions * shape.samples);
-        let numbers: Vec<f32> = self.gpu.read(batch, 0, 6 * points)?;
-        let list = |first: usize, length: usize| numbers[first * points..][..length * points].to_vec();
-        let UniformBatch { condition_length, conditions, mixture_weight_logits, .. } = uniform;
-        Ok(Some(Batch {
-            condition_length,
-            samples,
-            conditions,
-            points: list(0, 2),
-            densities: list(2, 1),
-            weights: list(3, 1),
-            brdf: list(4, 1),
-            tails: list(5, 1),
-            mixture_weight_logits,
-        }))
     }
 
     fn dispatch(&self, pass: &mut wgpu::ComputePass<'_>, prepared: &Prepared, dispatch: &Dispatch, index: u32) {
@@ -202,7 +163,7 @@ impl DeviceGradient {
         let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.bindings, entries: &entries };
         let group = gpu.device.create_bind_group(&descriptor);
         gpu.check()?;
-        self.prepared = Some(Prepared { shape, objective, plan, batch, arena, group, targets: None });
+        self.prepared = Some(Prepared { shape, objective, plan, batch, arena, group, targets: None, optimizer: None });
         Ok(())
     }
 
@@ -226,25 +187,15 @@ impl DeviceGradient {
         self.gpu.queue.write_buffer(&prepared.arena, 4 * prepared.plan.seen as u64, bytemuck::cast_slice(&rows));
     }
 
-    /// Draws the targets of a batch on the device, which must know the target.
-    fn draw_targets(&mut self, config: &FitConfig, target: &dyn Target, batch: &UniformBatch) -> Result<()> {
-        let shape = config.batch_shape();
-        let sizes = Shape { conditions: shape.conditions, samples: shape.samples() };
-        self.prepare(sizes, config.objective())?;
-        let (Some(prepared), Some(known)) = (&mut self.prepared, target.shader_target()) else { return Ok(()) };
-        if prepared.targets.is_none() {
-            let buffers = [&prepared.batch, &prepared.arena];
-            prepared.targets = Some(Targets::new(&self.gpu, known, shape, &prepared.plan, buffers)?);
+    fn upload(&self, prepared: &Prepared, batch: &Batch) {
+        let lists =
+            [&batch.points, &batch.densities, &batch.weights, &batch.brdf, &batch.tails, &batch.mixture_weight_logits];
+        let mut start = 0;
+        for numbers in lists {
+            self.gpu.queue.write_buffer(&prepared.batch, 4 * start as u64, bytemuck::cast_slice(numbers));
+            start += numbers.len();
         }
-        let Some(prepared) = &self.prepared else { return Ok(()) };
-        let logits = 4 * (sizes.batch_length() - sizes.conditions) as u64;
-        self.gpu.queue.write_buffer(&prepared.batch, 0, bytemuck::cast_slice(&batch.points));
-        self.gpu.queue.write_buffer(&prepared.batch, logits, bytemuck::cast_slice(&batch.mixture_weight_logits));
         self.upload_conditions(prepared, &batch.conditions, batch.condition_length);
-        if let Some(targets) = &prepared.targets {
-            targets.run(&self.gpu);
-        }
-        Ok(())
     }
 
     /// Waits for the device and returns loss and gradient, means over the lit conditions.
@@ -284,56 +235,25 @@ impl GradientSource for DeviceGradient {
         let shape = Shape { conditions: batch.condition_count(), samples: batch.samples };
         self.prepare(shape, objective)?;
         let Some(prepared) = &self.prepared else { return Ok(None) };
-        let lists =
-            [&batch.points, &batch.densities, &batch.weights, &batch.brdf, &batch.tails, &batch.mixture_weight_logits];
-        let mut start = 0;
-        for numbers in lists {
-            self.gpu.queue.write_buffer(&prepared.batch, 4 * start as u64, bytemuck::cast_slice(numbers));
-            start += numbers.len();
-        }
+        self.upload(prepared, batch);
         self.gpu.queue.write_buffer(&self.weights, 0, bytemuck::cast_slice(weights));
-        self.upload_conditions(prepared, &batch.conditions, batch.condition_length);
         self.run(prepared);
         self.results(prepared)
     }
 
-    fn gradient_of_step(
+    fn take_steps(
         &mut self,
-        weights: &[f32],
         config: &FitConfig,
         target: &dyn Target,
-        step: u64,
-    ) -> Result<Option<StepGradient>> {
-        if !self.draws(target) {
-            let batch = Batch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)?;
-            return self.gradient(weights, config.objective(), &batch);
-        }
-        let batch = match self.next.take() {
-            Some(next) if (next.step, next.seed) == (step, config.seed) => next.batch,
-            _ => uniform_batch(config, target, step),
-        };
-        self.draw_targets(config, target, &batch)?;
-        let Some(prepared) = &self.prepared else { return Ok(None) };
-        self.gpu.queue.write_buffer(&self.weights, 0, bytemuck::cast_slice(weights));
-        self.run(prepared);
-        // While the device works, the host draws the numbers of the next step.
-        let next = Next { seed: config.seed, step: step + 1, batch: uniform_batch(config, target, step + 1) };
-        let found = self.results(prepared);
-        self.next = Some(next);
-        found
-    }
-
-    fn draws(&self, target: &dyn Target) -> bool {
-        target.shader_target().is_some()
+        state: &mut TrainingState,
+        most: usize,
+    ) -> Result<Vec<Outcome>> {
+        self.steps(config, target, state, most)
     }
 
     fn device(&self) -> String {
         self.gpu.to_string()
     }
-}
-
-fn uniform_batch(config: &FitConfig, target: &dyn Target, step: u64) -> UniformBatch {
-    UniformBatch::draw(target, config.batch_shape(), config.seed, Purpose::Batch, step)
 }
 
 /// Returns the bindings that all shaders of training share.

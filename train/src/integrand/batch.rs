@@ -6,34 +6,34 @@ use rayon::prelude::*;
 use super::target::{BatchShape, PlacedPoints, Target};
 use crate::Result;
 
-/// The conditions of a batch, and uniform numbers in place of its points.
-pub struct UniformBatch {
+/// The conditions of a batch, and the places of its points' uniform numbers in the batch's [`Stream`].
+pub struct BatchConditions {
     /// Length of one condition.
     pub condition_length: usize,
     /// `[conditions, condition_length]`.
     pub conditions: Vec<f32>,
-    /// `[conditions, samples, 2]`: uniform in `[0, 1)`.
-    pub points: Vec<f32>,
+    /// `[conditions]`: [position](Stream::position) of the first of `2 samples` numbers.
+    pub positions: Vec<u64>,
     /// See [`Batch::mixture_weight_logits`].
     pub mixture_weight_logits: Vec<f32>,
 }
 
-impl UniformBatch {
-    /// Draws the numbers of a batch, see [`Batch::draw`].
+impl BatchConditions {
+    /// Draws the conditions of a batch, see [`Batch::draw`].
     pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Self {
         let condition_length = target.condition().length();
-        let samples = shape.samples();
         let mut stream = Stream::new(seed, purpose, index);
         let mut conditions = vec![0.0; shape.conditions * condition_length];
-        let mut points = vec![0.0; shape.conditions * samples * 2];
-        let rows = points.chunks_exact_mut(2 * samples);
-        for (condition, uniforms) in conditions.chunks_exact_mut(condition_length).zip(rows) {
+        let mut place = |condition: &mut [f32]| {
             target.draw_condition(&mut stream, condition);
-            uniforms.fill_with(|| stream.uniform());
-        }
+            let position = stream.position();
+            stream.seek(position + 2 * shape.samples() as u64);
+            position
+        };
+        let positions = conditions.chunks_exact_mut(condition_length).map(&mut place).collect();
         let each = conditions.par_chunks_exact(condition_length);
         let mixture_weight_logits = each.map(|condition| target.mixture_weight_logit(condition)).collect();
-        Self { condition_length, conditions, points, mixture_weight_logits }
+        Self { condition_length, conditions, positions, mixture_weight_logits }
     }
 }
 
@@ -82,15 +82,15 @@ impl Batch {
     /// # Errors
     /// [`Error::BadTarget`](crate::Error::BadTarget) if the target returns a density that is negative or not finite.
     pub fn draw(target: &dyn Target, shape: BatchShape, seed: u64, purpose: Purpose, index: u64) -> Result<Self> {
-        let UniformBatch { condition_length, conditions, points, mixture_weight_logits } =
-            UniformBatch::draw(target, shape, seed, purpose, index);
+        let BatchConditions { condition_length, conditions, positions, mixture_weight_logits } =
+            BatchConditions::draw(target, shape, seed, purpose, index);
         let samples = shape.samples();
         let count = shape.conditions * samples;
         let mut batch = Self {
             condition_length,
             samples,
             conditions,
-            points,
+            points: vec![0.0; 2 * count],
             densities: vec![0.0; count],
             weights: vec![1.0; count],
             brdf: vec![0.0; count],
@@ -100,12 +100,16 @@ impl Batch {
         batch
             .conditions
             .par_chunks_exact(condition_length)
+            .zip(&positions)
             .zip(batch.points.par_chunks_exact_mut(2 * samples))
             .zip(batch.densities.par_chunks_exact_mut(samples))
             .zip(batch.weights.par_chunks_exact_mut(samples))
             .zip(batch.brdf.par_chunks_exact_mut(samples))
             .zip(batch.tails.par_chunks_exact_mut(samples))
-            .try_for_each(|(((((condition, points), densities), weights), brdf), tails)| {
+            .try_for_each(|((((((condition, &position), points), densities), weights), brdf), tails)| {
+                let mut stream = Stream::new(seed, purpose, index);
+                stream.seek(position);
+                points.fill_with(|| stream.uniform());
                 let place = PlacedPoints { points, densities, weights, brdf, tails };
                 match purpose {
                     Purpose::Validation => target.place_for_validation(condition, shape, place),

@@ -30,7 +30,7 @@ mod target;
 mod textured;
 mod viewpoints;
 
-pub use batch::{Batch, ConditionPoints, UniformBatch};
+pub use batch::{Batch, BatchConditions, ConditionPoints};
 pub use ggx::Ggx;
 pub use measured::MeasuredSurface;
 pub use naive::NaiveTarget;
