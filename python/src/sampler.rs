@@ -12,7 +12,7 @@ use headtail_render::{
     flat::{FlatArray, FlatNumbers},
     image::Image,
     patches::{Detail, PatchSampler},
-    sampler::{self, Covering},
+    sampler::{self, Covering, EmitterSampler},
     spec::{Companion, SamplerSpec, Source, Visibility},
     tail::{Tail, TailKind},
 };
@@ -121,14 +121,18 @@ impl Sampler {
     fn arrays<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let is_pointwise = |spec: &SamplerSpec| spec.has_pdf() && *spec.visibility() == Visibility::None;
         let spec = self.spec.as_ref().map(|spec| spec.resolved(false)).filter(is_pointwise);
-        let patches =
-            spec.and_then(|spec| if let Source::Patches(detail) = spec.source() { Some(*detail) } else { None });
-        let arrays = py.detach(|| match (patches, &self.exported) {
-            (Some(detail), _) => flat_patches(&Tail::of_environment(TailKind::Hierarchical, &self.map)?, detail),
-            (None, Some(exported)) => flat_exported(exported),
-            (None, None) => Err(headtail_render::Error::argument(
+        let arrays = py.detach(|| match (spec.as_ref().map(SamplerSpec::source), &self.exported) {
+            (Some(Source::Patches(detail)), _) => {
+                flat_patches(&Tail::of_environment(TailKind::Hierarchical, &self.map)?, *detail)
+            }
+            // The emitters' part of MIS: implementations sample BRDFs themselves.
+            (Some(Source::Compensated), _) => {
+                Ok(EmitterSampler::compensated(&self.map, TailKind::Hierarchical)?.light().tail().flat())
+            }
+            (_, Some(exported)) => flat_exported(exported),
+            (_, None) => Err(headtail_render::Error::argument(
                 &*self.name,
-                "has no form for other devices: use patches or a table",
+                "has no form for other devices: use patches, mis-comp or a table",
             )),
         });
         let result = PyDict::new(py);

@@ -29,7 +29,7 @@ MATERIALS = {
 
 TILE, RUNS, SPP = 16, 8, 32
 # Tests of means over variants, materials, samplers and kinds, for correcting the significance level.
-TESTS = 80
+TESTS = 100
 
 
 def scene(material, integrator, **more):

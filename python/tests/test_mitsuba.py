@@ -21,7 +21,7 @@ def runs_of_mitsuba(variant, material, kind):
 
 
 @pytest.mark.parametrize("kind", ["direct", "path"])
-@pytest.mark.parametrize("sampler", ["table", "patches"])
+@pytest.mark.parametrize("sampler", ["table", "patches", "mis2-comp"])
 @pytest.mark.parametrize("material", ["diffuse", "glossy", "textured", "bumped"])
 def test_means_match_mitsubas_own_integrators(variant, material, sampler, kind):
     if is_grey(variant) and (sampler, kind) != ("table" if material == "diffuse" else "patches", "path"):
@@ -80,6 +80,19 @@ def test_the_sampler_follows_the_map(variant):
     assert np.array(mi.render(own, spp=64)).mean() == pytest.approx(2 * before, rel=0.02)
 
 
+def test_auto_chooses_by_a_pilot(variant):
+    """Patches where small lamps are the light, pairs under a sky that is nearly uniform; the picture is that of the chosen sampler."""
+    sky = np.broadcast_to(np.linspace(1.5, 0.5, 32, dtype=np.float32)[:, None, None], (32, 64, 3))
+    found = {}
+    for name, more in (("lamps", {}), ("sky", {"map": {"type": "envmap", "bitmap": mi.Bitmap(sky.copy())}})):
+        own = scene("glossy", {"type": "headtail_direct"}, **more)
+        picture = np.array(mi.render(own, spp=16, seed=3))
+        found[name] = own.integrator().chosen
+        same = scene("glossy", {"type": "headtail_direct", "sampler": found[name]}, **more)
+        np.testing.assert_array_equal(picture, np.array(mi.render(same, spp=16, seed=3)))
+    assert found == {"lamps": "patches", "sky": "mis2-comp"}
+
+
 def lamp(column, width=64):
     """A dim map with one lamp."""
     texels = np.full((32, width, 3), 0.05, np.float32)
@@ -97,12 +110,12 @@ def test_the_sampler_follows_texels_that_are_replaced(variant, width):
     if is_grey(variant):
         pytest.skip("its maps have one channel")
     first, second = {"map": {"type": "envmap", "bitmap": mi.Bitmap(lamp(10))}}, lamp(width * 5 // 8, width)
-    changed = scene("diffuse", {"type": "headtail_direct"}, **first)
+    changed = scene("diffuse", {"type": "headtail_direct", "sampler": "patches"}, **first)
     mi.render(changed, spp=1)
     parameters = mi.traverse(changed)
     parameters["map.data"] = padded(second)
     parameters.update()
-    new = scene("diffuse", {"type": "headtail_direct"}, map={"type": "envmap", "bitmap": mi.Bitmap(second)})
+    new = scene("diffuse", {"type": "headtail_direct", "sampler": "patches"}, map={"type": "envmap", "bitmap": mi.Bitmap(second)})
     # The same sampler of the same map gives the same picture.
     pictures = [np.array(mi.render(each, spp=16, seed=3)) for each in (changed, new)]
     np.testing.assert_allclose(*pictures, rtol=1e-4, atol=1e-5)

@@ -11,7 +11,7 @@ import headtail  # noqa: E402
 # Rows of cells, points in each along a side, and draws: a lat-long map of 64 rows has no details within a point's cell.
 RES, IRES, DRAWS = 51, 16, 400_000
 # Tests of this file.
-TESTS = 10
+TESTS = 12
 
 
 def small_map():
@@ -58,8 +58,8 @@ def map(variant):
 def product(name, map, tmp_path):
     from headtail.mitsuba._light import product_of
 
-    if name == "patches":
-        return product_of(headtail.Sampler.from_spec("patches", map)._native.arrays())
+    if name in ("patches", "mis-comp"):
+        return product_of(headtail.Sampler.from_spec(name, map)._native.arrays())
     if name == "table":
         return product_of(headtail.bake(map)._native.arrays())
     settings = {"over patches": {"over": "patches"}, "over the tail": {"head": {"share": False}}}[name]
@@ -70,7 +70,7 @@ def product(name, map, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "alpha"),
-    [("patches", None), ("patches", 0.3), ("table", None), ("over the tail", None), ("over patches", None)],
+    [("patches", None), ("patches", 0.3), ("table", None), ("mis-comp", None), ("over the tail", None), ("over patches", None)],
 )
 @pytest.mark.parametrize("normal", [(0.2, 1, -0.3), (-0.7, -0.1, 0.6)])
 def test_directions_follow_their_pdfs(map, tmp_path, name, alpha, normal):

@@ -9,6 +9,7 @@ from headtail import HeadtailError
 
 from ._emitters import attached
 from ._head import HeadOverPatches, HeadOverTail
+from ._pairs import Pairs
 from ._patches import Patches, Point
 from ._surface import Surfaces
 from ._table import Table
@@ -70,7 +71,9 @@ def product_of(arrays, loops=None):
     """Returns the sampler of `arrays`. `loops` is as in `Network`."""
     if "head.layers" in arrays:
         return (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
-    return (Table if "table.along" in arrays else Patches)(arrays)
+    if "table.along" in arrays:
+        return Table(arrays)
+    return (Patches if "patches.clusters" in arrays else Pairs)(arrays)
 
 
 class Light:
@@ -98,7 +101,7 @@ class Light:
         elif spec == "table":
             sampler = headtail.bake(map)
         else:
-            sampler = headtail.Sampler.from_spec(spec, map)
+            sampler = headtail.Sampler.from_spec("mis-comp" if spec == "mis2-comp" else spec, map)
         self.product = product_of(sampler._native.arrays())
 
     def radiance(self, ray, wi, active):
@@ -128,7 +131,7 @@ class Light:
         if prepared is None:
             return []
         prepared, mixture_weight = prepared
-        if self.surfaces.are_diffuse:
+        if self.surfaces.are_diffuse and not isinstance(self.product, Pairs):
             return [self.product_alone(sampler, si, bsdf, prepared, active)]
         if mixture_weight is None:
             return self.product_and_bsdf(sampler, si, bsdf, prepared, active)
