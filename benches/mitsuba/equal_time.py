@@ -23,6 +23,8 @@ import numpy as np
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "benches" / "peers" / "renderers"))
 mi.set_variant("llvm_ad_rgb")
+# Warnings go to the standard output.
+mi.set_log_level(mi.LogLevel.Error)
 import headtail.mitsuba  # noqa: E402, F401
 import views  # noqa: E402
 from mitsuba_renderer import mesh_of  # noqa: E402
