@@ -28,7 +28,7 @@ impl PreparedPoints {
     /// Prepares `count` points: copies them, and computes what the sampler needs of each (for patches, 300 bytes).
     ///
     /// # Errors
-    /// As [`sample`].
+    /// As [`sample`](super::sample).
     pub fn new(sampler: Arc<dyn Sampler>, at: &PointList<'_>, count: usize) -> Result<Self> {
         at.check_lengths(count)?;
         let bytes = 4 * sampler.columns() as u64 + Self::POINT_BYTES;
@@ -54,10 +54,10 @@ impl PreparedPoints {
         self.count
     }
 
-    /// Draws one direction per point, the same as [`sample`].
+    /// Draws one direction per point, the same as [`sample`](super::sample).
     ///
     /// # Errors
-    /// As [`sample`].
+    /// As [`sample`](super::sample).
     pub fn sample(&self, numbers: Numbers<'_>, out: DrawList<'_>) -> Result<()> {
         check_length("pdf", out.pdf.len(), self.count)?;
         each_tile(numbers, out, |arena: &mut Arena, first, out| {
@@ -66,10 +66,10 @@ impl PreparedPoints {
         })
     }
 
-    /// Evaluates the solid-angle pdfs of unit directions, one per point, the same as [`pdf`].
+    /// Evaluates the solid-angle pdfs of unit directions, one per point, the same as [`pdf`](super::pdf).
     ///
     /// # Errors
-    /// As [`sample`].
+    /// As [`sample`](super::sample).
     pub fn pdf(&self, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
         check_length("pdf", out.len(), self.count)?;
         check_length("wi", wi.len(), self.count)?;
