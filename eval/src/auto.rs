@@ -5,8 +5,8 @@
 //! Each candidate renders the same small picture twice, with its own points. Half the squared difference of
 //! the two estimates the candidate's error; its efficiency is 1 / (error x cost^a), where errors fall as
 //! samples^-a. Costs are not timed but taken from [`COSTS`], so that the choice for a budget of samples depends on
-//! the view and the number of samples alone. For a budget of seconds, the clock also determines the samples of the pilot. The sampler is
-//! fixed after the choice, so the picture is as unbiased as with either candidate.
+//! the view and the number of samples alone. For a budget of seconds, the clock also determines the samples of
+//! the pilot. The sampler is fixed after the choice, so the picture is as unbiased as with either candidate.
 
 use std::{sync::atomic::AtomicBool, time::Instant};
 
