@@ -70,6 +70,14 @@ pub enum Kernel {
     ConditionSums,
     /// The gradient of a feature's weights.
     FeatureGradient,
+    /// The coordinates of points before all coupling layers of a flow.
+    PlacePoints,
+    /// The features that a coupling layer sees.
+    PlaceFeatures,
+    /// Derivatives by features become those by the coordinate.
+    FeaturesBackward,
+    /// The likelihood of a flow.
+    Likelihood,
 }
 
 impl Kernel {
@@ -89,6 +97,10 @@ impl Kernel {
             Self::AddSlices => "add_slices",
             Self::ConditionSums => "condition_sums",
             Self::FeatureGradient => "feature_gradient",
+            Self::PlacePoints => "place_points",
+            Self::PlaceFeatures => "place_features",
+            Self::FeaturesBackward => "features_backward",
+            Self::Likelihood => "likelihood",
         }
     }
 
@@ -101,6 +113,9 @@ impl Kernel {
                 [RATIONAL_QUADRATIC, include_str!("../wgsl/train/spline_gradient.wgsl")].join("\n")
             }
             Self::Loss => include_str!("../wgsl/train/loss.wgsl").into(),
+            Self::PlacePoints | Self::PlaceFeatures | Self::FeaturesBackward | Self::Likelihood => {
+                include_str!("../wgsl/train/coupling.wgsl").into()
+            }
             _ => include_str!("../wgsl/train/columns.wgsl").into(),
         }
     }
@@ -163,6 +178,10 @@ mod tests {
             Kernel::AddSlices,
             Kernel::ConditionSums,
             Kernel::FeatureGradient,
+            Kernel::PlacePoints,
+            Kernel::PlaceFeatures,
+            Kernel::FeaturesBackward,
+            Kernel::Likelihood,
         ];
         for kernel in layers.chain(others) {
             assert_valid(&format!("{kernel:?}"), kernel.entry(), &kernel.source());

@@ -23,8 +23,7 @@ pub enum GradientForm {
     Fused,
     /// In the tensor library's graph, see [`crate::in_graph`]: the reference on every backend.
     InGraph,
-    /// By shaders on a graphics device, see `device`; needs the feature `gpu`. Flow tails are fitted in the
-    /// fused form.
+    /// By shaders on a graphics device, see `device`; needs the feature `gpu`.
     Device,
 }
 

@@ -89,8 +89,8 @@ pub(crate) trait Trainable {
     }
 
     /// Returns whether training ends before all steps are done.
-    fn is_done(&mut self, _state: &TrainingState) -> bool {
-        false
+    fn is_done(&mut self, _state: &TrainingState) -> Result<bool> {
+        Ok(false)
     }
 
     /// Returns the divergence of the state after a step, if it is measured.
@@ -149,7 +149,7 @@ impl<'a> Trainer<'a> {
     /// Takes steps until all are done or [`Trainable::is_done`], and returns whether an
     /// interruption came first. The last step is neither reported nor saved: see [`Self::finish`].
     pub fn train(&mut self, training: &mut dyn Trainable) -> Result<bool> {
-        while self.state.step < self.config.steps && !training.is_done(&self.state) {
+        while self.state.step < self.config.steps && !training.is_done(&self.state)? {
             if self.run.interrupt.load(Ordering::Relaxed) {
                 return Ok(true);
             }

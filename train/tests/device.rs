@@ -7,16 +7,20 @@ use std::{
     sync::atomic::{AtomicBool, Ordering},
 };
 
-use headtail_model::{Condition, EncoderConfig, Head, HeadConfig, Mode};
+use headtail_model::{Condition, EncoderConfig, Flow, FlowConfig, FlowForm, Head, HeadConfig, Mode};
 use headtail_render::{
     environment::Environment,
     random::Purpose,
     tail::{Tail, TailKind},
 };
 use headtail_train::{
-    Backend, Batch, Checkpoints, CosineTarget, FitConfig, GradientForm, GradientSource, Loss, Objective, Preset, Run,
-    StateFile, StepGradient, TrainingState, Viewpoints, build_target, condition_of, device::DeviceGradient, fit_with,
-    fused::FusedGradient, integrand::BatchShape, state,
+    Backend, Batch, Checkpoints, CosineTarget, FitConfig, FlowSettings, GradientForm, GradientSource, Loss, Objective,
+    Preset, Progress, Run, StateFile, StepGradient, TrainingState, Viewpoints, build_target, condition_of,
+    device::{DeviceFlow, DeviceGradient},
+    fit_flow, fit_with,
+    fused::{FusedFlow, FusedGradient},
+    integrand::BatchShape,
+    state,
 };
 use libtest_mimic::{Arguments, Failed, Trial};
 
@@ -78,6 +82,41 @@ fn agrees(config: HeadConfig, objective: Objective, conditions: usize) -> Outcom
         weights.iter_mut().for_each(|weight| *weight *= 0.9);
     }
     Ok(())
+}
+
+/// Compares two steps of a flow with the fused form, in several pieces, the last one smaller.
+fn flows_agree(shape: FlowConfig) -> Outcome {
+    let flow = Flow::new(shape, 2, &Backend::default().device()?)?;
+    let moved = |(k, weight): (usize, f32)| weight + 0.1 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
+    let mut weights: Vec<f32> = flow.flat_weights().into_iter().enumerate().map(moved).collect();
+    let points: Vec<f32> = (1..=2 * 301).map(|k| (k as f32 * 0.618_034).fract()).collect();
+    let mut device = DeviceFlow::new(&flow)?.in_pieces_of(128);
+    let mut fused = FusedFlow::new(&flow);
+    for _ in 0..2 {
+        same(&fused.gradient(&weights, &points), &device.gradient(&weights, &points)?)?;
+        weights.iter_mut().for_each(|weight| *weight *= 0.9);
+    }
+    Ok(())
+}
+
+/// The losses of ten steps of a flow are those of the fused form.
+fn same_losses_of_a_flow() -> Outcome {
+    let exact = Tail::of_environment(TailKind::Hierarchical, &Environment::open("window")?)?;
+    let losses = |gradient| {
+        let shape = FlowConfig { form: FlowForm::Coupled, bins: 8, couplings: 3, hidden: 16, ..FlowConfig::SMALL };
+        // A target that is not met, so that steps are grouped by measurements.
+        let flow = FlowSettings { steps: 10, strata: 12, cells: 4, kl_target: 1e-9, shape, ..FlowSettings::default() };
+        let config = FitConfig { flow, ..short_run(gradient) };
+        let (mut losses, interrupt) = (vec![0.0], AtomicBool::new(false));
+        let mut progress = |now: &Progress| {
+            losses.push(now.loss);
+            Ok(())
+        };
+        let run = Run { progress: &mut progress, interrupt: &interrupt, checkpoints: None, warn: &mut |_| {} };
+        fit_flow(&config, &exact, run)?;
+        Ok::<_, Failed>(losses)
+    };
+    same_losses(&losses(GradientForm::Fused)?, &losses(GradientForm::Device)?)
 }
 
 fn same_bytes_in_every_run() -> Outcome {
@@ -262,6 +301,7 @@ fn main() {
     let encoder = Some(EncoderConfig { hidden: 8, output: 5 });
     let mut trials = vec![
         Trial::test("same_bytes_in_every_run", same_bytes_in_every_run),
+        Trial::test("same_losses_of_a_flow", same_losses_of_a_flow),
         Trial::test("no_gradient_without_light", no_gradient_without_light),
         Trial::test("too_many_points_of_a_condition_are_refused", too_many_points_of_a_condition_are_refused),
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
@@ -296,6 +336,14 @@ fn main() {
             let name = format!("matches_the_fused_gradient::{name}::{}", format!("{mode:?}").to_lowercase());
             trials.push(Trial::test(name, move || agrees(config, Objective { loss, entropic }, 21)));
         }
+    }
+    for (name, shape) in [
+        ("coupled", FlowConfig { form: FlowForm::Coupled, bins: 8, couplings: 4, hidden: 20, ..FlowConfig::SMALL }),
+        ("triangular", FlowConfig { bins: 16, octaves: 3, ..FlowConfig::SMALL }),
+        ("no_residual_block", FlowConfig { residual_blocks: 0, octaves: 1, bins: 8, ..FlowConfig::SMALL }),
+        ("paper", FlowConfig { bins: 32, couplings: 3, hidden: 40, ..FlowConfig::PAPER }),
+    ] {
+        trials.push(Trial::test(format!("flow_matches_the_fused_gradient::{name}"), move || flows_agree(shape)));
     }
     let trials = trials.into_iter().map(|trial| trial.with_ignored_flag(adapter.is_err())).collect();
     libtest_mimic::run(&arguments, trials).exit();

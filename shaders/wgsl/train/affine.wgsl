@@ -12,16 +12,22 @@ struct Params {
     // Place in the weights.
     bias: u32,
     form: u32,
+    // Place of another matrix, like that of the output.
+    other: u32,
     slope: f32,
 }
 
-// What becomes of the product: a bias is added, and leaky ReLU applied; the derivative by an activation becomes that by its argument, in its
-// place; it is written, or added to what is there.
+// What becomes of the product: a bias is added, and leaky ReLU applied, whose argument is kept in the other matrix, or first added to what is
+// there; the derivative by an activation becomes that by its argument, in its place, and the other matrix is added; it is written, or added to
+// what is there.
 const WITH_BIAS: u32 = 0u;
 const ACTIVATED: u32 = 1u;
-const THROUGH_ACTIVATION: u32 = 2u;
-const PLAIN: u32 = 3u;
-const ADDED: u32 = 4u;
+const KEPT: u32 = 2u;
+const RESIDUAL: u32 = 3u;
+const THROUGH_ACTIVATION: u32 = 4u;
+const THROUGH_ACTIVATION_ADDED: u32 = 5u;
+const PLAIN: u32 = 6u;
+const ADDED: u32 = 7u;
 
 @group(0) @binding(0) var<storage, read> weights: array<f32>;
 @group(0) @binding(2) var<storage, read_write> arena: array<vec4<f32>>;
@@ -34,12 +40,16 @@ var<workgroup> columns: array<vec4<f32>, DEPTH * 32u>;
 fn finish(row: u32, column: u32, product: vec4<f32>) {
     if (row >= p.outputs) { return; }
     let place = p.output + row * p.stride + column;
+    let other = p.other + row * p.stride + column;
     var value = product;
-    if (p.form <= ACTIVATED) {
+    if (p.form <= RESIDUAL) {
         value += vec4<f32>(weights[p.bias + row]);
-        if (p.form == ACTIVATED) { value = max(value, p.slope * value); }
-    } else if (p.form == THROUGH_ACTIVATION) {
+        if (p.form == RESIDUAL) { value += arena[other]; }
+        if (p.form >= KEPT) { arena[other] = value; }
+        if (p.form != WITH_BIAS) { value = max(value, p.slope * value); }
+    } else if (p.form <= THROUGH_ACTIVATION_ADDED) {
         value *= select(vec4<f32>(p.slope), vec4<f32>(1.0), arena[place] > vec4<f32>(0.0));
+        if (p.form == THROUGH_ACTIVATION_ADDED) { value += arena[other]; }
     } else if (p.form == ADDED) {
         value += arena[place];
     }

@@ -16,6 +16,8 @@ struct Params {
     value: u32,
     d_log_slope: u32,
     d_value: u32,
+    // 1 for one of several splines in a row: points are in the arena, and derivatives by them take the place of those by values.
+    is_of_chain: u32,
 }
 
 @group(0) @binding(1) var<storage, read> batch: array<f32>;
@@ -67,6 +69,7 @@ fn bin_of(point: f32, column: u32, across: Axis, up: Axis) -> Bin {
 }
 
 fn point_of(column: u32) -> f32 {
+    if (p.is_of_chain == 1u) { return arena[p.point + column]; }
     return batch[p.point + 2u * column];
 }
 
@@ -144,6 +147,7 @@ fn spline_backward(@builtin(global_invocation_id) id: vec3<u32>) {
     var d_of_value = 0.0;
     if (p.has_value == 1u) { d_of_value = arena[p.d_value + column]; }
     let d = derivatives_of(bin, arena[p.d_log_slope + column], d_of_value);
+    if (p.is_of_chain == 1u) { arena[p.d_value + column] = -d.left; }
     let floors = f32(bin.index) * HEADTAIL_LEAST_BIN;
     softmax_backward(across, bin.index, bin.width - HEADTAIL_LEAST_BIN, bin.left - floors, d.width, d.left);
     softmax_backward(up, bin.index, bin.height - HEADTAIL_LEAST_BIN, bin.bottom - floors, d.height, d.bottom);

@@ -88,9 +88,7 @@ impl Conditions<'_> {
             let condition = Matrix { rows: self.memory.layout.config.condition.length(), ..self.memory.seen };
             list.push(self.gradient_of_conditions(&encoder.layers[0], encoder.hidden[0], condition));
         }
-        let (rows, count) = (self.memory.layout.length, self.memory.slices.most);
-        let add = Columns { output: self.memory.results, rows, count, ..Columns::default() };
-        list.push(add.each(Kernel::AddSlices, rows));
+        list.push(self.memory.slices.add(self.memory.results));
         list
     }
 

@@ -31,7 +31,7 @@ impl Cost {
     }
 
     /// Reading or writing rows of numbers.
-    fn of_rows(rows: usize, columns: usize) -> Self {
+    pub fn of_rows(rows: usize, columns: usize) -> Self {
         Self { operations: 0.0, bytes: 4.0 * rows as f64 * columns as f64 }
     }
 }
@@ -113,7 +113,7 @@ impl Packed {
 }
 
 /// Number of workgroups of 64 threads.
-fn threads(count: usize) -> usize {
+pub fn threads(count: usize) -> usize {
     count.div_ceil(64)
 }
 
@@ -123,18 +123,40 @@ pub fn spread(count: usize) -> [u32; 2] {
     [groups.min(most), groups.div_ceil(most)].map(|groups| groups as u32)
 }
 
-fn words<const N: usize>(numbers: [usize; N]) -> Vec<u32> {
+pub fn words<const N: usize>(numbers: [usize; N]) -> Vec<u32> {
     numbers.map(|number| u32::try_from(number).expect("the arena is below 2^32 numbers")).into()
 }
 
 /// What becomes of a product, as in `affine.wgsl`.
 #[derive(Clone, Copy)]
 pub enum Form {
-    WithBias = 0,
-    Activated = 1,
-    ThroughActivation = 2,
-    Plain = 3,
-    Added = 4,
+    WithBias,
+    Activated,
+    /// As `Activated`; the argument of the activation is written to the matrix.
+    Kept(Matrix),
+    /// As `Kept`, with the matrix's numbers added to the argument.
+    Residual(Matrix),
+    ThroughActivation,
+    /// As `ThroughActivation`, with the matrix's numbers added.
+    ThroughActivationAdded(Matrix),
+    Plain,
+    Added,
+}
+
+impl Form {
+    /// Returns the shader's number, and the place of the other matrix.
+    fn numbers(self) -> [usize; 2] {
+        match self {
+            Self::WithBias => [0, 0],
+            Self::Activated => [1, 0],
+            Self::Kept(other) => [2, other.start / 4],
+            Self::Residual(other) => [3, other.start / 4],
+            Self::ThroughActivation => [4, 0],
+            Self::ThroughActivationAdded(other) => [5, other.start / 4],
+            Self::Plain => [6, 0],
+            Self::Added => [7, 0],
+        }
+    }
 }
 
 /// Propagates `input` through a layer to `output`, over `columns` columns. Only the first `input.rows` inputs
@@ -156,6 +178,7 @@ fn affine(
     (form, bias, slope): (Form, usize, f32),
 ) -> Dispatch {
     let (groups, along) = tiling(rows);
+    let [form, other] = form.numbers();
     let mut parameters = words([
         factor.start / 4,
         factor.stride / 4,
@@ -165,7 +188,8 @@ fn affine(
         output.rows.min(rows),
         input.rows.min(factor.rows),
         bias,
-        form as usize,
+        form,
+        other,
     ]);
     parameters.push(slope.to_bits());
     let groups = [columns.div_ceil(TILE) as u32, groups as u32, 1];
@@ -184,7 +208,13 @@ pub struct Slices {
 
 impl Slices {
     /// Least number of columns of a slice: shorter ones cost more memory traffic than they gain parallelism.
-    const LEAST: usize = 256;
+    pub const LEAST: usize = 256;
+
+    /// Adds the slices up, to the place `output`.
+    pub fn add(self, output: usize) -> Dispatch {
+        let columns = Columns { output, rows: self.length, count: self.most, ..Columns::default() };
+        columns.each(Kernel::AddSlices, self.length)
+    }
 
     /// Returns the number of columns of a slice.
     fn columns(self, columns: usize) -> usize {
@@ -288,8 +318,10 @@ pub struct Splines {
     pub logits: Matrix,
     pub bins: usize,
     pub is_circle: bool,
-    /// Place of the first point's coordinate in the batch.
+    /// Place of the first point's coordinate in the batch; of a chain, in the arena.
     pub point: usize,
+    /// Whether the spline is one of a chain: points are a row, and derivatives by them take the place of those by values.
+    pub is_of_chain: bool,
     pub count: usize,
     pub log_slope: usize,
     /// Places of the values and of the derivatives by them, if something follows from them.
@@ -313,6 +345,7 @@ impl Splines {
             value,
             self.d_log_slope,
             d_value,
+            self.is_of_chain.into(),
         ]);
         let passes = if kernel == Kernel::SplineBackward { 2 } else { 1 };
         let groups = [threads(self.count.next_multiple_of(TILE)) as u32, 1, 1];

@@ -2,7 +2,7 @@
 
 use headtail_shaders::{gpu::Gpu, training};
 
-use super::{dispatch::spread, memory::Shape};
+use super::dispatch::spread;
 use crate::{
     FitConfig, Result, TrainingState,
     state::{Outcome, average_decay},
@@ -33,12 +33,12 @@ impl Optimizer {
     pub fn new(
         gpu: &Gpu,
         config: &FitConfig,
-        shape: Shape,
+        conditions: usize,
         gradient: usize,
         [weights, arena]: [&wgpu::Buffer; 2],
     ) -> Result<Self> {
         let count = (weights.size() / 4) as usize;
-        let sizes = [count, shape.conditions, gradient, MOST_STEPS, (config.ema_decay > 0.0).into()];
+        let sizes = [count, conditions, gradient, MOST_STEPS, (config.ema_decay > 0.0).into()];
         let source =
             training::optimizer(sizes, [config.beta_1, config.beta_2, config.epsilon, config.clip_norm as f32]);
         let [judge, move_weights] = ["judge", "move_weights"].map(|entry| gpu.pipeline(None, &source, entry));

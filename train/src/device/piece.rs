@@ -93,6 +93,7 @@ impl Piece<'_> {
             bins: memory.layout.config.bins,
             is_circle,
             point: 2 * self.first * memory.shape.samples + usize::from(!is_circle),
+            is_of_chain: false,
             count: self.columns(),
             log_slope: network.log_slope,
             value: (!is_circle && self.coupled()).then_some([memory.azimuth.features.start, memory.d_value]),

@@ -3,7 +3,11 @@
 use headtail_shaders::gpu::Gpu;
 use wgpu::BufferUsages;
 
-use super::{DeviceGradient, Prepared, dispatch::Dispatch};
+use super::{
+    DeviceFlow, DeviceGradient,
+    dispatch::Dispatch,
+    engine::{Engine, Prepared},
+};
 use crate::Result;
 
 /// The time of the dispatches of one shader in a step, and their least cost.
@@ -28,9 +32,25 @@ impl DeviceGradient {
     /// # Errors
     /// If the device fails.
     pub fn profile(&self) -> Result<Vec<KernelTime>> {
-        let Some(prepared) = self.prepared.as_ref().filter(|_| self.gpu.has_timestamps()) else {
+        self.prepared.as_ref().map_or(Ok(Vec::new()), |prepared| self.engine.profile(&prepared.step))
+    }
+}
+
+impl DeviceFlow {
+    /// As for heads, see [`DeviceGradient::profile`].
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn profile(&self) -> Result<Vec<KernelTime>> {
+        self.prepared.as_ref().map_or(Ok(Vec::new()), |(_, prepared)| self.engine.profile(prepared))
+    }
+}
+
+impl Engine {
+    fn profile(&self, prepared: &Prepared) -> Result<Vec<KernelTime>> {
+        if !self.gpu.has_timestamps() {
             return Ok(Vec::new());
-        };
+        }
         let mut times: Vec<KernelTime> = Vec::new();
         let mut index = 0;
         for piece in &prepared.plan.pieces {

@@ -3,7 +3,7 @@
 use headtail_render::random::Purpose;
 use headtail_shaders::{Shader, gpu::Gpu};
 
-use super::{dispatch::spread, plan::Plan};
+use super::dispatch::{Matrix, spread};
 use crate::{
     Result,
     integrand::{BatchShape, ShaderSurface, ShaderTarget},
@@ -19,12 +19,12 @@ pub struct Targets {
 }
 
 impl Targets {
-    /// Uploads the tail. `batch` and `arena` are the buffers of a step.
+    /// Uploads the tail. `seen` are the conditions, `batch` and `arena` the buffers of a step.
     pub fn new(
         gpu: &Gpu,
         target: ShaderTarget<'_>,
         shape: BatchShape,
-        plan: &Plan,
+        seen: Matrix,
         [batch, arena]: [&wgpu::Buffer; 2],
     ) -> Result<Self> {
         let points = shape.conditions * shape.samples();
@@ -40,8 +40,8 @@ impl Targets {
             shape.samples(),
             shape.strata,
             shape.brdf_samples,
-            plan.seen,
-            plan.stride,
+            seen.start,
+            seen.stride,
             is_glossy.into(),
             has_alpha.into(),
         ];

@@ -1,4 +1,4 @@
-//! The gradient of a flow's likelihood, fused on the host or by burn.
+//! The gradient of a flow's likelihood: fused on the host, by burn, or on a graphics device.
 
 use burn::{
     optim::GradientsParams,
@@ -6,9 +6,9 @@ use burn::{
 };
 use headtail_model::Flow;
 
-use crate::{FitConfig, GradientForm, StepGradient, fused::FusedFlow};
+use crate::{FitConfig, GradientForm, Result, StepGradient, TrainingState, fused::FusedFlow, state::Outcome};
 
-/// Computes `-mean ln q` and its gradient. Both forms agree to rounding.
+/// Computes `-mean ln q` and its gradient. All forms agree to rounding.
 pub enum FlowGradient {
     /// In one pass over SIMD lanes, on the host.
     Fused(Box<FusedFlow>),
@@ -19,31 +19,82 @@ pub enum FlowGradient {
         /// With autodiff.
         device: Device,
     },
+    /// By shaders on a graphics device.
+    #[cfg(feature = "gpu")]
+    Device(Box<crate::device::DeviceFlow>),
 }
 
 impl FlowGradient {
     /// Returns the form of a configuration.
-    pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Self {
-        match config.gradient.on(config.backend) {
-            GradientForm::Fused | GradientForm::Auto | GradientForm::Device => {
-                Self::Fused(Box::new(FusedFlow::new(flow)))
-            }
-            GradientForm::InGraph => Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() },
+    ///
+    /// # Errors
+    /// As [`GradientForm::source`].
+    pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Result<Self> {
+        if let Some(found) = Self::on_device(config.gradient, flow)? {
+            return Ok(found);
         }
+        Ok(match config.gradient.on(config.backend) {
+            GradientForm::InGraph => Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() },
+            _ => Self::Fused(Box::new(FusedFlow::new(flow))),
+        })
+    }
+
+    /// Returns the form on a device: that of `Auto` where there is a graphics card.
+    #[cfg(feature = "gpu")]
+    fn on_device(form: GradientForm, flow: &Flow) -> Result<Option<Self>> {
+        use crate::device::DeviceFlow;
+        let found = match form {
+            GradientForm::Auto => DeviceFlow::on_graphics_card(flow)?,
+            GradientForm::Device => Some(DeviceFlow::new(flow)?),
+            GradientForm::Fused | GradientForm::InGraph => None,
+        };
+        Ok(found.map(|found| Self::Device(Box::new(found))))
+    }
+
+    #[cfg(not(feature = "gpu"))]
+    fn on_device(form: GradientForm, _flow: &Flow) -> Result<Option<Self>> {
+        if form == GradientForm::Device { Err(crate::Error::DeviceNotCompiled) } else { Ok(None) }
     }
 
     /// Returns loss and gradient at points of X, `[samples, 2]`. The caller skips results that are not
     /// finite.
-    pub fn gradient(&mut self, weights: &[f32], points: &[f32]) -> StepGradient {
+    ///
+    /// # Errors
+    /// If a graphics device fails or has too little memory.
+    pub fn gradient(&mut self, weights: &[f32], points: &[f32]) -> Result<StepGradient> {
         match self {
-            Self::Fused(fused) => fused.gradient(weights, points),
+            Self::Fused(fused) => Ok(fused.gradient(weights, points)),
             Self::InGraph { flow, device } => {
                 let flow = flow.clone().with_flat_weights(weights, device);
                 let x = Tensor::<2>::from_data(TensorData::new(points.to_vec(), [points.len() / 2, 2]), &*device);
                 let loss = flow.inverse(&x).1.mean().neg();
                 let value = loss.clone().into_scalar::<f32>();
                 let gradients = GradientsParams::from_grads(loss.backward(), &flow);
-                StepGradient { loss: value, d_weight: flow.flat_gradients(&gradients) }
+                Ok(StepGradient { loss: value, d_weight: flow.flat_gradients(&gradients) })
+            }
+            #[cfg(feature = "gpu")]
+            Self::Device(device) => device.gradient(weights, points),
+        }
+    }
+
+    /// Takes steps of `state` on a device, at most `most`, and returns what became of each; nothing in other forms.
+    /// `draw` returns the `count` points of a step.
+    ///
+    /// # Errors
+    /// As [`gradient`](Self::gradient).
+    pub fn take_steps(
+        &mut self,
+        config: &FitConfig,
+        state: &mut TrainingState,
+        most: usize,
+        draw: &dyn Fn(u64) -> Vec<f32>,
+    ) -> Result<Vec<Outcome>> {
+        match self {
+            #[cfg(feature = "gpu")]
+            Self::Device(device) => device.take_steps(config, state, most, draw),
+            Self::Fused(_) | Self::InGraph { .. } => {
+                let _ = (config, state, most, draw);
+                Ok(Vec::new())
             }
         }
     }

@@ -6,7 +6,7 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `settings.rs` | the settings of a fit |
-//! | `gradient.rs` | the gradient of the likelihood |
+//! | `gradient.rs` | the gradient of the likelihood, in each form |
 //! | `invert.rs`, `table.rs` | the sampling direction in f64; the flow as a table |
 
 mod gradient;
@@ -31,6 +31,7 @@ pub use table::tabulate;
 
 use crate::{
     Error, FitConfig, Result, Run, StepGradient, TrainingState,
+    state::Outcome,
     trainer::{Trainable, Trainer},
 };
 
@@ -82,17 +83,16 @@ pub fn fit_flow(config: &FitConfig, exact: &Tail, run: Run<'_>) -> Result<Fitted
     let device = config.backend.device()?;
     let blank = Flow::new(config.flow.shape, config.seed, &device)?;
     let (initial, interrupt) = (blank.flat_weights(), run.interrupt);
-    let points_per_step = config.flow.strata * config.flow.strata;
     let state = TrainingState::new(&config, initial.clone());
-    let mut trainer = Trainer::new(&config, &config, state, points_per_step, run)?;
-    let mut gradient = FlowGradient::new(&config, &blank, &device);
+    let mut trainer = Trainer::new(&config, &config, state, config.flow.points(), run)?;
+    let mut gradient = FlowGradient::new(&config, &blank, &device)?;
     let validation = Validation::new(exact, config.seed);
-    let initial_kl = validation.kl(&mut gradient, &initial);
+    let initial_kl = validation.kl(&mut gradient, &initial)?;
     let mut training = FlowTraining { config: &config, exact, gradient, validation };
     trainer.train(&mut training)?;
     trainer.finish(None)?;
     let &TrainingState { step: steps, skipped, ref parameters, .. } = &trainer.state;
-    let kl = training.validation.kl(&mut training.gradient, &parameters.weights);
+    let kl = training.validation.kl(&mut training.gradient, &parameters.weights)?;
     if !kl.is_finite() {
         return Err(Error::Diverged { step: steps, skipped });
     }
@@ -113,24 +113,41 @@ struct FlowTraining<'a> {
     validation: Validation,
 }
 
+impl FlowTraining<'_> {
+    /// Returns the number of steps between two measurements of the divergence.
+    fn measured_every(&self) -> usize {
+        (self.config.steps / VALIDATIONS).max(1)
+    }
+}
+
 impl Trainable for FlowTraining<'_> {
     fn gradient(&mut self, weights: &[f32], step: usize) -> Result<Option<StepGradient>> {
-        let FlowSettings { strata, uniform, .. } = self.config.flow;
-        let points = draw(self.exact, strata, uniform, self.config.seed, step as u64);
-        Ok(Some(self.gradient.gradient(weights, &points)))
+        let points = draw(self.exact, &self.config.flow, self.config.seed, step as u64);
+        Ok(Some(self.gradient.gradient(weights, &points)?))
+    }
+
+    fn take_steps(&mut self, state: &mut TrainingState, most: usize) -> Result<Vec<Outcome>> {
+        let every = self.measured_every();
+        let to_the_next_look = if self.config.flow.kl_target > 0.0 { every - state.step % every } else { most };
+        let (exact, config) = (self.exact, self.config);
+        let draw = |step| draw(exact, &config.flow, config.seed, step);
+        self.gradient.take_steps(config, state, most.min(to_the_next_look), &draw)
     }
 
     /// Only at measured steps, so that a resumed run ends at the same step as an uninterrupted one.
-    fn is_done(&mut self, state: &TrainingState) -> bool {
+    fn is_done(&mut self, state: &TrainingState) -> Result<bool> {
         let target = self.config.flow.kl_target;
-        let is_measured = state.step.is_multiple_of((self.config.steps / VALIDATIONS).max(1));
-        target > 0.0 && is_measured && self.validation.kl(&mut self.gradient, &state.parameters.weights) <= target
+        if target <= 0.0 || !state.step.is_multiple_of(self.measured_every()) {
+            return Ok(false);
+        }
+        Ok(self.validation.kl(&mut self.gradient, &state.parameters.weights)? <= target)
     }
 }
 
 /// Draws a point of X in each stratum of Y, `[strata^2, 2]`: distributed like the light, except for a
 /// fraction `uniform` that is uniform over X.
-fn draw(exact: &Tail, strata: usize, uniform: f32, seed: u64, index: u64) -> Vec<f32> {
+fn draw(exact: &Tail, settings: &FlowSettings, seed: u64, index: u64) -> Vec<f32> {
+    let FlowSettings { strata, uniform, .. } = *settings;
     let mut stream = Stream::new(seed, Purpose::Tail, index);
     let stratum = |k: usize| Vec2::new((k % strata) as f32, (k / strata) as f32);
     let y: Vec<Vec2> = (0..strata * strata).map(|k| (stratum(k) + stream.uniform2()) / strata as f32).collect();
@@ -153,15 +170,16 @@ struct Validation {
 
 impl Validation {
     fn new(exact: &Tail, seed: u64) -> Self {
-        let points = draw(exact, VALIDATION_STRATA, 0.0, seed, u64::MAX);
+        let settings = FlowSettings { strata: VALIDATION_STRATA, uniform: 0.0, ..FlowSettings::default() };
+        let points = draw(exact, &settings, seed, u64::MAX);
         let x: Vec<Vec2> = points.chunks_exact(2).map(Vec2::from_slice).collect();
         let densities: Vec<f32> = exact.inverse_points(&x).into_iter().map(|(_, density)| density).collect();
         let entropy = densities.iter().map(|&p| f64::from(p).ln()).sum::<f64>() / densities.len() as f64;
         Self { points, entropy, densities }
     }
 
-    fn kl(&self, gradient: &mut FlowGradient, weights: &[f32]) -> f64 {
-        self.entropy + f64::from(gradient.gradient(weights, &self.points).loss)
+    fn kl(&self, gradient: &mut FlowGradient, weights: &[f32]) -> Result<f64> {
+        Ok(self.entropy + f64::from(gradient.gradient(weights, &self.points)?.loss))
     }
 
     fn table_kl(&self, density: impl Fn(Vec2) -> f32) -> f64 {

@@ -102,6 +102,11 @@ impl Default for FlowSettings {
 }
 
 impl FlowSettings {
+    /// Returns the number of points of a step.
+    pub const fn points(&self) -> usize {
+        self.strata * self.strata
+    }
+
     /// Returns `config` with the flow's optimiser settings.
     pub fn optimizer(&self, config: &FitConfig) -> FitConfig {
         FitConfig {

@@ -47,9 +47,10 @@ fn the_fused_gradient_matches_the_graph() {
         let flow = Flow::new(shape, 2, &device).unwrap();
         let mut stream = Stream::new(5, Purpose::Test, 0);
         let weights: Vec<f32> = flow.flat_weights().iter().map(|w| w + 0.2 * (stream.uniform() - 0.5)).collect();
-        let points = draw(&exact, 17, 0.0, 1, 1);
+        let points = draw(&exact, &FlowSettings { strata: 17, uniform: 0.0, ..small().flow }, 1, 1);
         let gradient = |gradient| {
-            FlowGradient::new(&FitConfig { gradient, ..small() }, &flow, &device).gradient(&weights, &points)
+            let mut source = FlowGradient::new(&FitConfig { gradient, ..small() }, &flow, &device).unwrap();
+            source.gradient(&weights, &points).unwrap()
         };
         let (fused, graph) = (gradient(GradientForm::Fused), gradient(GradientForm::InGraph));
         assert_same(&graph, &fused, 1e-3, &format!("{shape:?}"));

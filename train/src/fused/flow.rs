@@ -3,11 +3,12 @@
 
 use std::f32::consts::{PI, TAU};
 
-use headtail_model::{Flow, FlowConfig, coupling::Coordinate};
+use headtail_model::{Flow, coupling::Coordinate};
 use headtail_render::simd::{self, LANES, Simd, Vectorized};
 use rayon::prelude::*;
 
 use super::{
+    FlowLayout,
     matrix::Matrix,
     parts,
     perceptron::{Layer, leaky_relu, leaky_relu_backward},
@@ -20,16 +21,8 @@ const BLOCK: usize = 128;
 
 /// Likelihood and gradient of flows of one shape.
 pub struct FusedFlow {
-    layout: Layout,
+    layout: FlowLayout,
     parts: Vec<Part>,
-}
-
-/// Offsets of the layers in the flat list of weights, see [`Flow::flat_weights`].
-#[derive(Clone, Debug)]
-struct Layout {
-    config: FlowConfig,
-    networks: Vec<Vec<Layer>>,
-    length: usize,
 }
 
 #[derive(Default)]
@@ -64,23 +57,9 @@ struct Scratch {
 impl FusedFlow {
     /// Creates buffers for flows of the shape of `flow`.
     pub fn new(flow: &Flow) -> Self {
-        let config = *flow.config();
-        let mut length = 0;
-        let mut layer = |inputs: usize, outputs: usize| {
-            let layer = Layer { inputs, outputs, start: length };
-            length += layer.length();
-            layer
-        };
-        let networks: Vec<Vec<Layer>> = (0..config.couplings)
-            .map(|coupling| {
-                let mut layers = vec![layer(config.features(config.target(coupling)), config.hidden)];
-                layers.extend((0..2 * config.residual_blocks).map(|_| layer(config.hidden, config.hidden)));
-                layers.push(layer(config.hidden, config.logits()));
-                layers
-            })
-            .collect();
-        assert_eq!(length, flow.weight_count(), "the layout is that of the flow's flat weights");
-        Self { layout: Layout { config, networks, length }, parts: Vec::new() }
+        let layout = FlowLayout::new(*flow.config());
+        assert_eq!(layout.length, flow.weight_count(), "the layout is that of the flow's flat weights");
+        Self { layout, parts: Vec::new() }
     }
 
     /// Returns `-mean ln q(x)` over points of X, `[samples, 2]`, and its gradient.
@@ -102,7 +81,7 @@ impl FusedFlow {
     /// it does not transform.
     pub fn logits(&self, weights: &[f32], coupling: usize, other: &[f32]) -> Vec<f32> {
         struct Forward<'a> {
-            layout: &'a Layout,
+            layout: &'a FlowLayout,
             weights: &'a [f32],
             coupling: usize,
             other: &'a [f32],
@@ -136,7 +115,7 @@ impl FusedFlow {
 /// One part of the points.
 struct PointsPart<'a> {
     part: &'a mut Part,
-    layout: &'a Layout,
+    layout: &'a FlowLayout,
     weights: &'a [f32],
     points: &'a [f32],
     scale: f32,
@@ -159,7 +138,7 @@ impl Vectorized for PointsPart<'_> {
 impl Part {
     /// Runs one block forward and backward.
     #[inline(always)]
-    fn block(&mut self, layout: &Layout, weights: &[f32], points: &[f32], scale: f32) {
+    fn block(&mut self, layout: &FlowLayout, weights: &[f32], points: &[f32], scale: f32) {
         let Self { loss, gradient, scratch, couplings } = self;
         let count = points.len() / 2;
         let columns = count.next_multiple_of(LANES);
@@ -168,7 +147,7 @@ impl Part {
             (coordinates[0][k], coordinates[1][k]) = (point[0], point[1]);
         }
         for (index, coupling) in couplings.iter_mut().enumerate() {
-            let own = own_coordinate(layout, index);
+            let own = layout.own_coordinate(index);
             coupling.other.clear();
             coupling.other.extend_from_slice(&coordinates[1 - own]);
             if !layout.config.sees_other(layout.config.target(index)) {
@@ -187,7 +166,7 @@ impl Part {
         let mut d_log = vec![0.0; columns];
         d_log[..count].fill(-scale);
         for (index, coupling) in couplings.iter_mut().enumerate().rev() {
-            let own = own_coordinate(layout, index);
+            let own = layout.own_coordinate(index);
             let [d_u, d_v] = &mut d_coordinates;
             let (d_own, d_other) = if own == 0 { (d_u, d_v) } else { (d_v, d_u) };
             coupling.backward(layout, weights, index, &d_log, (d_own, d_other), scratch, gradient);
@@ -195,17 +174,10 @@ impl Part {
     }
 }
 
-fn own_coordinate(layout: &Layout, coupling: usize) -> usize {
-    match layout.config.target(coupling) {
-        Coordinate::Azimuth => 0,
-        Coordinate::Elevation => 1,
-    }
-}
-
 impl Coupling {
     /// Computes the features of the other coordinate and the network's logits.
     #[inline(always)]
-    fn network(&mut self, layout: &Layout, weights: &[f32], index: usize, columns: usize, scratch: &mut Scratch) {
+    fn network(&mut self, layout: &FlowLayout, weights: &[f32], index: usize, columns: usize, scratch: &mut Scratch) {
         self.place_features(layout.config.target(index), layout.config.octaves);
         let layers = &layout.networks[index];
         let (slope, last) = (layout.config.leaky_slope, layers.len() - 1);
@@ -257,7 +229,7 @@ impl Coupling {
     #[expect(clippy::too_many_arguments, reason = "the state of one step of backpropagation")]
     fn backward(
         &mut self,
-        layout: &Layout,
+        layout: &FlowLayout,
         weights: &[f32],
         index: usize,
         d_log: &[f32],
@@ -280,7 +252,7 @@ impl Coupling {
     #[inline(always)]
     fn network_backward(
         &mut self,
-        layout: &Layout,
+        layout: &FlowLayout,
         weights: &[f32],
         index: usize,
         columns: usize,

@@ -1,6 +1,6 @@
-//! Offsets of a head's layers in its flat list of weights.
+//! Offsets of the layers of a head and of a flow in their flat lists of weights.
 
-use headtail_model::{EncoderConfig, HeadConfig, Mode, head::MIXTURE_WEIGHT_HIDDEN};
+use headtail_model::{EncoderConfig, FlowConfig, HeadConfig, Mode, coupling::Coordinate, head::MIXTURE_WEIGHT_HIDDEN};
 
 use super::perceptron::Layer;
 
@@ -37,5 +37,42 @@ impl Layout {
         let azimuth = network(1);
         let mixture_weight = if config.share { layers(&[seen, MIXTURE_WEIGHT_HIDDEN, 1]) } else { Vec::new() };
         Self { config, encoder: encoder.unwrap_or_default(), elevation, azimuth, mixture_weight, length }
+    }
+}
+
+/// Offsets of the layers in the flat list of weights, see [`Flow::flat_weights`](headtail_model::Flow::flat_weights).
+#[derive(Clone, Debug)]
+pub(crate) struct FlowLayout {
+    pub config: FlowConfig,
+    /// The layers of each coupling's network: the first, two of each residual block, the last.
+    pub networks: Vec<Vec<Layer>>,
+    pub length: usize,
+}
+
+impl FlowLayout {
+    pub fn new(config: FlowConfig) -> Self {
+        let mut length = 0;
+        let mut layer = |inputs: usize, outputs: usize| {
+            let layer = Layer { inputs, outputs, start: length };
+            length += layer.length();
+            layer
+        };
+        let networks: Vec<Vec<Layer>> = (0..config.couplings)
+            .map(|coupling| {
+                let mut layers = vec![layer(config.features(config.target(coupling)), config.hidden)];
+                layers.extend((0..2 * config.residual_blocks).map(|_| layer(config.hidden, config.hidden)));
+                layers.push(layer(config.hidden, config.logits()));
+                layers
+            })
+            .collect();
+        Self { config, networks, length }
+    }
+
+    /// Returns the place of the coordinate that a coupling transforms.
+    pub fn own_coordinate(&self, coupling: usize) -> usize {
+        match self.config.target(coupling) {
+            Coordinate::Azimuth => 0,
+            Coordinate::Elevation => 1,
+        }
     }
 }

@@ -8,7 +8,7 @@
 //!
 //! | file | concept |
 //! | --- | --- |
-//! | `layout.rs` | where a head's layers are in its list of weights |
+//! | `layout.rs` | where the layers of a head and of a flow are in their lists of weights |
 //! | `conditions.rs` | computations per condition |
 //! | `samples.rs`, `splines.rs` | computations per sample |
 //! | `perceptron.rs`, `matrix.rs` | layers and matrix products, forward and backward |
@@ -30,7 +30,7 @@ use crate::{GradientSource, Objective, Result, StepGradient, integrand::Batch};
 
 use conditions::Conditions;
 pub use flow::FusedFlow;
-pub(crate) use layout::Layout;
+pub(crate) use layout::{FlowLayout, Layout};
 pub(crate) use matrix::Matrix;
 pub(crate) use perceptron::{BackwardScratch, Hidden, Layer};
 use samples::{ConditionGroup, Samples, Scratch, Weights};
