@@ -18,6 +18,17 @@ pub enum Device {
 pub const DEVICES: [(Device, &str, &str); 2] =
     [(Device::Cpu, "cpu", "All threads of the CPU"), (Device::Gpu, "gpu", "The fastest Vulkan, Metal or DX12 adapter")];
 
+/// Chooses the graphics adapter of this process by its number, see [`headtail_gpu::Gpu::use_adapter`].
+#[cfg(feature = "gpu")]
+pub fn use_adapter(number: usize) -> Result<()> {
+    Ok(headtail_gpu::Gpu::use_adapter(number)?)
+}
+
+#[cfg(not(feature = "gpu"))]
+pub fn use_adapter(_number: usize) -> Result<()> {
+    anyhow::bail!("this program was built without graphics devices; build it with --features gpu")
+}
+
 /// An open graphics device, and a view's scene and map for it.
 #[cfg(feature = "gpu")]
 pub struct GraphicsDevice {

@@ -1,6 +1,10 @@
 //! Graphics devices through `wgpu`: opening one, compute pipelines, buffers, reading back.
 
-use std::{borrow::Cow, fmt, sync::Arc};
+use std::{
+    borrow::Cow,
+    fmt,
+    sync::{Arc, OnceLock},
+};
 
 use parking_lot::Mutex;
 use wgpu::{BufferUsages, DeviceType};
@@ -12,6 +16,14 @@ pub enum GpuError {
     /// There is no adapter, or none that can be opened.
     #[error("no graphics adapter: install a Vulkan, Metal or DX12 driver (mesa-vulkan-drivers has one in software)")]
     NoAdapter,
+    /// The adapter that was asked for is not there.
+    #[error("there is no graphics adapter {number}: {count} are found")]
+    NoSuchAdapter {
+        /// Its number, from 0.
+        number: usize,
+        /// Adapters of the best interface.
+        count: usize,
+    },
     /// More memory is needed than the adapter gives.
     #[error("{what} needs {needed} bytes in one buffer, and the adapter allows {allowed}")]
     TooLarge {
@@ -27,6 +39,9 @@ pub enum GpuError {
     Failed(String),
 }
 
+/// The number of the adapter that this process uses, if one was chosen.
+static ADAPTER: OnceLock<usize> = OnceLock::new();
+
 /// A device and its queue. Nothing is rendered: only compute shaders run on it.
 pub struct Gpu {
     /// The device.
@@ -38,15 +53,21 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// Opens the fastest adapter, a software adapter where there is no other.
+    /// Opens the fastest adapter, a software adapter where there is no other; the one of
+    /// [`use_adapter`](Self::use_adapter), if that was called.
     ///
     /// # Errors
     /// [`GpuError::NoAdapter`] if there is none; [`GpuError::Failed`] if it cannot be opened.
     pub fn open() -> Result<Self, GpuError> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let power_preference = wgpu::PowerPreference::HighPerformance;
-        let options = wgpu::RequestAdapterOptions { power_preference, ..Default::default() };
-        let adapter = pollster::block_on(instance.request_adapter(&options)).map_err(|_| GpuError::NoAdapter)?;
+        let adapter = match ADAPTER.get() {
+            Some(&number) => numbered(&instance, number)?,
+            None => {
+                let power_preference = wgpu::PowerPreference::HighPerformance;
+                let options = wgpu::RequestAdapterOptions { power_preference, ..Default::default() };
+                pollster::block_on(instance.request_adapter(&options)).map_err(|_| GpuError::NoAdapter)?
+            }
+        };
         // All that the adapter has: large buffers, above all.
         let required_limits = adapter.limits();
         let required_features = adapter.features() & wgpu::Features::TIMESTAMP_QUERY;
@@ -70,11 +91,19 @@ impl Gpu {
     /// them.
     pub fn adapters() -> Vec<String> {
         let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-        let found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-        let mut found: Vec<wgpu::AdapterInfo> = found.iter().map(wgpu::Adapter::get_info).collect();
-        let order = [DeviceType::DiscreteGpu, DeviceType::IntegratedGpu, DeviceType::VirtualGpu, DeviceType::Other];
-        found.sort_by_key(|info| order.iter().position(|kind| *kind == info.device_type).unwrap_or(order.len()));
-        found.iter().map(name_of).collect()
+        sorted(&instance).iter().map(|adapter| name_of(&adapter.get_info())).collect()
+    }
+
+    /// Makes [`open`](Self::open) open this adapter in the rest of the process: its number, from 0, among those of the
+    /// interface (Vulkan, Metal, DX12) that the first of [`adapters`](Self::adapters) has. Later calls have no effect.
+    ///
+    /// # Errors
+    /// [`GpuError::NoSuchAdapter`], or [`GpuError::NoAdapter`] if there is none at all.
+    pub fn use_adapter(number: usize) -> Result<(), GpuError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        numbered(&instance, number)?;
+        ADAPTER.get_or_init(|| number);
+        Ok(())
     }
 
     /// Opens a graphics card, with memory of its own; `None` if the fastest adapter is none.
@@ -220,6 +249,24 @@ impl Gpu {
         let view = copy.slice(..).get_mapped_range().map_err(|error| GpuError::Failed(error.to_string()))?;
         Ok(bytemuck::pod_collect_to_vec(&view))
     }
+}
+
+/// Returns all adapters, graphics cards first and software last.
+fn sorted(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    let mut found = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+    let order = [DeviceType::DiscreteGpu, DeviceType::IntegratedGpu, DeviceType::VirtualGpu, DeviceType::Other];
+    let place = |adapter: &wgpu::Adapter| order.iter().position(|kind| *kind == adapter.get_info().device_type);
+    found.sort_by_key(|adapter| place(adapter).unwrap_or(order.len()));
+    found
+}
+
+/// Returns an adapter by its number, see [`Gpu::use_adapter`].
+fn numbered(instance: &wgpu::Instance, number: usize) -> Result<wgpu::Adapter, GpuError> {
+    let mut found = sorted(instance);
+    let interface = found.first().ok_or(GpuError::NoAdapter)?.get_info().backend;
+    found.retain(|adapter| adapter.get_info().backend == interface);
+    let count = found.len();
+    if number < count { Ok(found.swap_remove(number)) } else { Err(GpuError::NoSuchAdapter { number, count }) }
 }
 
 /// Names the adapter, its driver and its interface.

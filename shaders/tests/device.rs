@@ -25,7 +25,10 @@ use headtail_sampling::{
     tail::{Tail, TailKind, WarpMap},
     tile::{ShadingPoint, Tile},
 };
-use headtail_shaders::{Shader, gpu::Gpu};
+use headtail_shaders::{
+    Shader,
+    gpu::{Gpu, GpuError},
+};
 
 use draw::{Answer, Program, Query, queries};
 
@@ -153,6 +156,14 @@ impl Spread {
         }
         Self(spread)
     }
+}
+
+/// Other tests open the same one afterwards.
+#[test]
+fn adapters_are_chosen_by_number() {
+    assert!(matches!(Gpu::use_adapter(1000), Err(GpuError::NoSuchAdapter { number: 1000, count: 1.. })));
+    Gpu::use_adapter(0).unwrap();
+    assert!(Gpu::adapters()[0].starts_with(&Gpu::open().unwrap().to_string()));
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::{Args, Subcommand};
 
 use super::{
@@ -11,7 +11,7 @@ use super::{
     report, retry, slurm, status, worker,
 };
 use crate::terminal::{self, only_data, out, print_json, say};
-use crate::{output::OutputFile, progress};
+use crate::{device, output::OutputFile, progress};
 
 /// Run a space of settings.
 /// Every trial runs once and resumes where it was stopped.
@@ -100,6 +100,9 @@ struct WorkArguments {
     /// Run as a task of a Slurm array.
     #[arg(long)]
     task: bool,
+    /// Train on this graphics adapter, counted from 0.
+    #[arg(long, value_name = "K")]
+    gpu: Option<usize>,
 }
 
 /// Runs the given command.
@@ -176,6 +179,7 @@ fn print_plan(arguments: &Plan) -> Result<()> {
 }
 
 fn work(arguments: &WorkArguments) -> Result<()> {
+    arguments.gpu.map_or(Ok(()), device::use_adapter).context("--gpu")?;
     let stop = progress::stop_flag()?;
     let mut sweep = arguments.location.open()?;
     let manner = worker::Manner {

@@ -27,7 +27,7 @@ use super::{
     worker::Tick,
 };
 use crate::terminal::{self, note, say};
-use crate::{output::make_folder, progress};
+use crate::{device, output::make_folder, progress};
 
 /// Run the missing trials in several processes.
 #[derive(Args)]
@@ -42,6 +42,10 @@ pub struct Arguments {
     /// Threads per worker. Default: an equal part of the cores.
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
+    /// Graphics cards, on which workers train in turn (needs the feature gpu).
+    /// Default: all workers use the fastest one.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    gpus: Option<u16>,
 }
 
 /// Message from a worker.
@@ -55,6 +59,8 @@ enum Message {
 /// Runs workers until no work is left.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let stop = progress::stop_flag()?;
+    // Workers would only say so in their logs.
+    arguments.gpus.map_or(Ok(()), |gpus| device::use_adapter(usize::from(gpus) - 1)).context("--gpus")?;
     let sweep = arguments.location.open()?;
     make_folder(&sweep.folder.logs())?;
     let mut crew = Crew::new(arguments, sweep, stop);
@@ -68,7 +74,6 @@ struct Crew<'a> {
     sweep: Sweep,
     stop: Arc<AtomicBool>,
     workers: HashMap<usize, Child>,
-    started: usize,
     /// Workers killed in a row without a new start of a trial, and the starts before them.
     in_vain: (usize, usize),
     bars: HashMap<usize, ProgressBar>,
@@ -103,7 +108,6 @@ impl<'a> Crew<'a> {
             sweep,
             stop,
             workers,
-            started: 0,
             in_vain: (0, 0),
             bars,
             all,
@@ -119,8 +123,8 @@ impl<'a> Crew<'a> {
     /// Starts workers, shows their progress, and replaces those that were killed.
     fn run(&mut self) -> Result<()> {
         self.inherited = self.estimate.of(&self.sweep, &self.steps)?.done;
-        for _ in 0..self.arguments.jobs {
-            self.start()?;
+        for number in 0..self.arguments.jobs.into() {
+            self.start(number)?;
         }
         let mut looked = Instant::now();
         while !self.workers.is_empty() {
@@ -144,14 +148,16 @@ impl<'a> Crew<'a> {
         Ok(())
     }
 
-    fn start(&mut self) -> Result<()> {
-        let number = self.started;
-        self.started += 1;
-        let log = self.sweep.folder.logs().join(format!("worker-{}.log", number % usize::from(self.arguments.jobs)));
+    /// Starts a worker, or the replacement of one that has ended.
+    fn start(&mut self, number: usize) -> Result<()> {
+        let log = self.sweep.folder.logs().join(format!("worker-{number}.log"));
         let log = OpenOptions::new().create(true).append(true).open(&log).with_context(|| log.display().to_string())?;
         let mut command = Command::new(std::env::current_exe().context("the program's own file")?);
         command.args(["sweep", "work"]).arg(&self.arguments.location.space).arg("--out").arg(self.sweep.folder.path());
         command.arg("--checkpoint-every").arg(self.arguments.checkpoints.checkpoint_every.to_string());
+        if let Some(gpus) = self.arguments.gpus {
+            command.arg("--gpu").arg((number % usize::from(gpus)).to_string());
+        }
         command.env("RAYON_NUM_THREADS", self.threads().to_string());
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(log);
         let mut worker = command.spawn().context("a worker cannot be started")?;
@@ -211,7 +217,7 @@ impl<'a> Crew<'a> {
             self.sweep.folder.logs().display()
         );
         note!("a worker was ended by {status}; another takes its place");
-        self.start()
+        self.start(number)
     }
 
     fn show(&mut self, number: usize, tick: &Tick) {

@@ -84,6 +84,15 @@ impl Numbers {
     }
 }
 
+/// No machine has as many, and most builds have none.
+#[test]
+fn graphics_cards_that_are_not_there_are_refused_before_workers_start() {
+    let here = folder();
+    fs::write(here.path().join("space.toml"), SPACE).unwrap();
+    assert!(fail(here.path(), "sweep run space.toml --gpus 1000").contains("--gpus"));
+    assert!(!here.path().join("space.sweep").exists());
+}
+
 #[test]
 fn sweeps_run_each_trial_once_and_changed_sweeps_only_new_ones() {
     let here = folder();

@@ -40,10 +40,14 @@ def make():
             emitters. Mitsuba does not notify integrators of changed emitters."""
             if self._light is None or not self._state.is_of(State(scene)):
                 spec = self.chosen if self.spec == "auto" else self.spec
-                self._light, self._emitters = Light(scene, self.file, spec), Emitters.of(scene)
-                # Afterwards, because access to a parameter can replace its variable.
-                self._state = State(scene)
+                self.keep(scene, Light(scene, self.file, spec))
             return self._light, self._emitters
+
+        def keep(self, scene, light):
+            """Keeps a scene's environment for `lights`."""
+            self._light, self._emitters = light, Emitters.of(scene)
+            # Afterwards, because access to a parameter can replace its variable.
+            self._state = State(scene)
 
         def volumes(self, scene, medium):
             """Returns Mitsuba's integrator for a scene with media, which has no sampler here; else None."""
@@ -88,21 +92,24 @@ def make():
 
         def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
             if self.spec == "auto" and not self.file and self.chosen_for is not scene:
-                self.chosen, self.chosen_for, self._light = self.choice(scene, sensor), scene, None
+                self.chosen, self.chosen_for = self.choice(scene, sensor), scene
             return super().render(scene, sensor, seed, spp, develop, evaluate)
 
         def choice(self, scene, sensor):
-            """Returns the sampler of CHOICES for a view."""
+            """Returns the name of the sampler of CHOICES for a view, and keeps its environment."""
             names = list(CHOICES)
             if has_media(scene):
                 return names[0]
             sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
             lights = [Light(scene, "", name) for name in names]
             if lights[0].product is None:
+                self.keep(scene, lights[0])
                 return names[0]
             are_diffuse = lights[0].surfaces.are_diffuse
             costs = [CHOICES[name][0 if are_diffuse else 1] for name in names]
-            name = names[choose(lights, costs, scene, sensor)]
+            index = choose(lights, costs, scene, sensor)
+            name = names[index]
+            self.keep(scene, lights[index])
             mi.Log(mi.LogLevel.Info, f"{self.to_string()}: {name}, by a pilot")
             return name
 
