@@ -1,7 +1,7 @@
 //! Knots of a batch of splines, and the bin that contains each point.
 
 use burn::{
-    prelude::Tensor,
+    prelude::{Int, Tensor},
     tensor::activation::{softmax, softplus},
 };
 
@@ -68,11 +68,16 @@ impl Bins {
     pub fn find(&self, axis: Axis, points: &Tensor<2>) -> Bin {
         let left_knots = exclusive_sum(&self.widths);
         let bottom_knots = exclusive_sum(&self.heights);
-        let selected = match axis {
-            Axis::Widths => one_hot(points, &left_knots),
-            Axis::Heights => one_hot(points, &bottom_knots),
+        let index = match axis {
+            Axis::Widths => index_of(points, &left_knots),
+            Axis::Heights => index_of(points, &bottom_knots),
         };
-        let select = |values: Tensor<3>| (selected.clone() * values).sum_dim(2).squeeze_dim::<2>(2);
+        let [conditions, samples] = points.dims();
+        // A spline that all points share is repeated.
+        let select = |values: Tensor<3>| {
+            let shape = [conditions, samples, values.dims()[2]];
+            values.expand(shape).gather(2, index.clone()).squeeze_dim::<2>(2)
+        };
         Bin {
             left: select(left_knots),
             bottom: select(bottom_knots),
@@ -102,19 +107,11 @@ fn exclusive_sum(sizes: &Tensor<3>) -> Tensor<3> {
     Tensor::cat(vec![zero, sizes.clone().narrow(2, 0, bins - 1).cumsum(2)], 2)
 }
 
-/// Returns 1 at the bin of each point, 0 elsewhere, `[conditions, samples, K]`.
-///
-/// The bin's index is the number of *interior* knots at or below the point, so it is in `0..K` for any point.
-/// Knots increase strictly (each size is at least 1e-4, far above the rounding of a sum that is at most 1),
-/// so the indicator of "knot k is passed" drops from 1 to 0 exactly once along the bins and its differences
-/// are a one-hot vector.
-fn one_hot(points: &Tensor<2>, left_knots: &Tensor<3>) -> Tensor<3> {
-    let [conditions, samples] = points.dims();
+/// Returns the bin of each point, `[conditions, samples, 1]`: the number of *interior* knots at or below it, so that it
+/// is in `0..K` for any point.
+fn index_of(points: &Tensor<2>, left_knots: &Tensor<3>) -> Tensor<3, Int> {
     let bins = left_knots.dims()[2];
-    let options = (&points.device(), points.dtype());
     let points = points.clone().detach().unsqueeze_dim::<3>(2);
-    let passed = points.greater_equal(left_knots.clone().detach().narrow(2, 1, bins - 1)).float();
-    let first = Tensor::ones([conditions, samples, 1], options);
-    let last = Tensor::zeros([conditions, samples, 1], options);
-    Tensor::cat(vec![first, passed.clone()], 2) - Tensor::cat(vec![passed, last], 2)
+    let passed = points.greater_equal(left_knots.clone().detach().narrow(2, 1, bins - 1));
+    passed.int().sum_dim(2)
 }
