@@ -9,8 +9,9 @@ import problem
 class Step:
     """One optimiser step on a batch in memory."""
 
-    def __init__(self, mode, conditions, samples):
+    def __init__(self, mode, conditions, samples, device):
         self.mode = mode
+        jax.config.update("jax_default_device", jax.devices(device)[0])
         self.weights = {name: jnp.asarray(value) for name, value in problem.initial_weights(mode).items()}
         zeros = lambda: {name: jnp.zeros_like(value) for name, value in self.weights.items()}
         self.state = (jnp.zeros(()), zeros(), zeros())
@@ -65,7 +66,7 @@ class Step:
 
     def __call__(self):
         self.weights, self.state, loss = self.update(self.weights, self.state, *self.batch)
-        return float(loss)
+        return loss
 
 
 def spline(logits, x, circle):

@@ -1,27 +1,36 @@
 """The training step in PyTorch: forward, backward and AdamW of the same head, eager or compiled."""
 
 import math
+import os
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 
 import problem
 
 
-class Step:
-    """One optimiser step on a batch in memory."""
+def name_of(device):
+    """Names the hardware."""
+    return torch.cuda.get_device_name() if device == "cuda" else f"{os.cpu_count()} cores"
 
-    def __init__(self, mode, conditions, samples, compiled):
+
+class Step:
+    """One optimiser step on a batch in memory, on the device `cpu` or `cuda`: there with TF32 and, compiled, CUDA graphs."""
+
+    def __init__(self, mode, conditions, samples, device, compiled):
         self.mode = mode
         weights = problem.initial_weights(mode)
-        self.weights = {name: torch.tensor(value, requires_grad=True) for name, value in weights.items()}
+        self.weights = {name: torch.tensor(value, device=device, requires_grad=True) for name, value in weights.items()}
+        fast = {}
+        if device == "cuda":
+            torch.set_float32_matmul_precision("high")
+            fast = {"mode": "reduce-overhead"}
         self.optimizer = torch.optim.AdamW(
             self.weights.values(), lr=problem.LEARNING_RATE, betas=problem.BETAS, eps=problem.EPSILON,
-            weight_decay=problem.WEIGHT_DECAY,
+            weight_decay=problem.WEIGHT_DECAY, fused=True,
         )
-        self.batch = tuple(torch.tensor(array) for array in problem.batch(conditions, samples))
-        self.loss = torch.compile(self.forward, dynamic=False) if compiled else self.forward
+        self.batch = tuple(torch.tensor(array, device=device) for array in problem.batch(conditions, samples))
+        self.loss = torch.compile(self.forward, dynamic=False, **fast) if compiled else self.forward
 
     def linear(self, name, x):
         return F.linear(x, self.weights[name + ".weight"], self.weights[name + ".bias"])
@@ -65,7 +74,7 @@ class Step:
         loss = self.loss(*self.batch)
         loss.backward()
         self.optimizer.step()
-        return loss.item()
+        return loss.detach()
 
 
 def spline(logits, x, circle):

@@ -1,10 +1,12 @@
-"""Training throughput of headtail beside PyTorch and JAX, interleaved, on the same cores.
+"""Training throughput of headtail beside PyTorch and JAX, interleaved, on the same cores or the same graphics card.
 
-    python benches/peers/run.py [--mode coupled|autoregressive] [--conditions 256] [--samples 1024] [--steps 5] [--rounds 3]
+    python benches/peers/run.py [--device cpu|cuda] [--mode coupled|autoregressive] [--conditions 256] [--samples 1024]
+        [--steps 5] [--rounds 3]
 
-A step is forward, backward and AdamW on a batch in memory. Peers take turns for a number of rounds, and the
-medians of their samples per second are printed with the ratio of headtail to each. headtail is measured by
-`headtail backends --json`, whose program must be built (`cargo build --release`) or named by HEADTAIL.
+A step is forward, backward and AdamW on a batch in memory; losses are read after the last step. Peers take turns for a
+number of rounds, and the medians of their samples per second are printed with the ratio of headtail to each. headtail is
+measured by `headtail backends --json`, whose program must be built (`cargo build --release`, for cuda with
+`--features gpu`) or named by HEADTAIL. On cuda, PyTorch and JAX may round products to TF32; headtail does not.
 """
 
 import argparse
@@ -18,10 +20,11 @@ from pathlib import Path
 
 
 def measure(step, samples, steps):
-    step()
+    float(step())
     start = time.perf_counter()
     for _ in range(steps):
-        step()
+        loss = step()
+    float(loss)
     return samples * steps / (time.perf_counter() - start)
 
 
@@ -31,7 +34,8 @@ def headtail(options):
         target = os.environ.get("CARGO_TARGET_DIR", Path(__file__).resolve().parents[2] / "target")
         program = str(Path(target) / "release" / "headtail")
     command = [
-        program, "backends", "--preset", "paper-ggx", "--mode", options.mode, "--gradient", "fused", "--json",
+        program, "backends", "--preset", "paper-ggx", "--mode", options.mode, "--json",
+        "--gradient", {"cpu": "fused", "cuda": "device"}[options.device],
         "--conditions", str(options.conditions), "--samples", str(options.samples), "--steps", str(options.steps),
     ]
     rows = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
@@ -40,6 +44,7 @@ def headtail(options):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--mode", choices=["coupled", "autoregressive"], default="coupled")
     parser.add_argument("--conditions", type=int, default=256)
     parser.add_argument("--samples", type=int, default=1024)
@@ -48,16 +53,19 @@ def main():
     options = parser.parse_args()
     sys.path.insert(0, str(Path(__file__).parent))
     count = options.conditions * options.samples
+    # JAX would take most of a card's memory for itself.
+    os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
 
     import jax_step
     import pytorch
 
+    sizes = options.mode, options.conditions, options.samples, options.device
     steps = {
-        "PyTorch eager": pytorch.Step(options.mode, options.conditions, options.samples, compiled=False),
-        "PyTorch compiled": pytorch.Step(options.mode, options.conditions, options.samples, compiled=True),
-        "JAX": jax_step.Step(options.mode, options.conditions, options.samples),
+        "PyTorch eager": pytorch.Step(*sizes, compiled=False),
+        "PyTorch compiled": pytorch.Step(*sizes, compiled=True),
+        "JAX": jax_step.Step(*sizes),
     }
-    losses = {name: step() for name, step in steps.items()}
+    losses = {name: float(step()) for name, step in steps.items()}
     spread = max(losses.values()) - min(losses.values())
     if spread > 1e-3 * abs(next(iter(losses.values()))):
         sys.exit(f"the peers do not compute the same loss: {losses}")
@@ -67,7 +75,7 @@ def main():
         for name, step in steps.items():
             rates[name].append(measure(step, count, options.steps))
     ours = statistics.median(rates["headtail"])
-    print(f"{options.mode}, {options.conditions} conditions x {options.samples} samples, {os.cpu_count()} cores")
+    print(f"{options.mode}, {options.conditions} conditions x {options.samples} samples, {pytorch.name_of(options.device)}")
     for name, values in rates.items():
         rate = statistics.median(values)
         print(f"{name:<18} {rate / 1e6:8.3f} M samples/s   headtail is {ours / rate:5.2f} x")

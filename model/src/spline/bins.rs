@@ -72,11 +72,11 @@ impl Bins {
             Axis::Widths => index_of(points, &left_knots),
             Axis::Heights => index_of(points, &bottom_knots),
         };
-        let [conditions, samples] = points.dims();
-        // A spline that all points share is repeated.
+        let samples = points.dims()[1];
         let select = |values: Tensor<3>| {
-            let shape = [conditions, samples, values.dims()[2]];
-            values.expand(shape).gather(2, index.clone()).squeeze_dim::<2>(2)
+            // A spline that all points of a condition share is repeated.
+            let values = if values.dims()[1] == samples { values } else { values.repeat_dim(1, samples) };
+            values.gather(2, index.clone()).squeeze_dim::<2>(2)
         };
         Bin {
             left: select(left_knots),
