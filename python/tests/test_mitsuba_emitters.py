@@ -124,8 +124,7 @@ SEEDS = 6
 DERIVATIVES = [
     ("diffuse", "reflectance.value", "direct", "backward"),
     ("diffuse", "reflectance.value", "path", "backward"),
-    ("glossy", "alpha.value", "direct", "backward"),
-    ("glossy", "alpha.value", "path", "forward"),
+    ("glossy", "alpha.value", "direct", "forward"),
     ("diffuse", "map.scale", "direct", "backward"),
 ]
 
@@ -156,7 +155,9 @@ def derivatives(own, end, mode, weights):
         dr.enable_grad(step)
         parameters[key] = value * step
         parameters.update()
-        mean = dr.mean(mi.render(own, parameters, spp=64, seed=seed, seed_grad=100 + seed) * weights, axis=None)
+        # Numbers that Dr.Jit does not know are no reason to compile a kernel again.
+        seeds = {"seed": dr.opaque(mi.UInt32, seed), "seed_grad": dr.opaque(mi.UInt32, 100 + seed)}
+        mean = dr.mean(mi.render(own, parameters, spp=64, **seeds) * weights, axis=None)
         if mode == "backward":
             dr.backward(mean)
             values.append(dr.grad(step).numpy()[0])
@@ -174,7 +175,7 @@ def test_derivatives_match_mitsubas_own(colours, material, end, kind, mode):
     depth = {"direct": 2, "path": 4}[kind]
     theirs = derivatives(scene(material, integrator("path", max_depth=depth), **lamps()), end, "forward", weights)
     noise = np.hypot(own.std(ddof=1), theirs.std(ddof=1)) / np.sqrt(SEEDS)
-    # Student's t with 10 degrees of freedom exceeds 5 once in 2000 comparisons; there are 5.
+    # Student's t with 10 degrees of freedom exceeds 5 once in 2000 comparisons; there are 4.
     assert abs(own.mean() - theirs.mean()) < 5 * noise, f"{own} {theirs}"
     assert abs(theirs.mean()) > 5 * noise, f"the noise hides the derivative: {own} {theirs}"
 
