@@ -5,7 +5,8 @@
 The views of `benches/peers/renderers/views.py`, diffuse and glossy, and the first of them with three area lights. Both
 integrators take multijittered points, and one or four samples per hit; `direct` samples the map with MIS compensation.
 The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. Ratios are those
-of the best form of `direct` in the picture over each form. Needs mitsuba, numpy and headtail, and nothing else that
+of the best form of `direct` in the picture over each form. The rows `rays` are bounds: the ratio of a sampler with the
+variance of `direct` that takes no time beside its rays. Needs mitsuba, numpy and headtail, and nothing else that
 runs. Prints a JSON list, and progress to the standard error.
 """
 
@@ -32,6 +33,29 @@ from mitsuba_renderer import mesh_of  # noqa: E402
 RUNS, SECONDS = 6, 1.0
 WIDTH, HEIGHT = 256, 192
 SAMPLES = (1, 4)
+
+
+class Rays(mi.SamplingIntegrator):
+    """A camera ray, and as many shadow rays as `direct` traces: one toward the map and one of the BSDF, here both of the
+    cosine lobe."""
+
+    def __init__(self, props):
+        super().__init__(props)
+        self.samples = int(props.get("shading_samples", 1))
+
+    def sample(self, scene, sampler, ray, medium=None, active=True):
+        si = scene.ray_intersect(ray, active)
+        hit, seen = active & si.is_valid(), mi.Float(0)
+        for _ in range(2 * self.samples):
+            wi = si.to_world(mi.warp.square_to_cosine_hemisphere(sampler.next_2d(hit)))
+            seen += dr.select(scene.ray_test(si.spawn_ray(wi), hit), 0.0, 1.0)
+        return mi.Spectrum(seen), active, []
+
+    def aov_names(self):
+        return []
+
+
+mi.register_integrator("rays", Rays)
 
 
 def bsdf_of(alpha):
@@ -105,15 +129,18 @@ def main():
         opened, map = views.opened(view, settings.data), settings.data / "envmaps" / f"{view.map}.hdr"
         for material in view.materials:
             picture = f"{view.name}, {material}{', three lamps' if has_lamps else ''}"
-            kinds = list(itertools.product(("direct", "headtail_direct"), SAMPLES))
+            kinds = list(itertools.product(("direct", "headtail_direct", "rays"), SAMPLES))
             scenes = [scene_of(opened, map, views.MATERIALS[material], has_lamps, *kind) for kind in kinds]
             forms = []
             for (integrator, samples), (spp, seconds, variance, mean) in zip(kinds, measured(scenes)):
+                if integrator == "rays":
+                    form = forms[SAMPLES.index(samples)]
+                    variance, mean = form["variance"] * form["spp"] / spp, form["mean"]
                 forms.append({
                     "picture": picture, "integrator": f"{integrator}, {samples} per hit", "spp": spp, "seconds": seconds,
                     "variance": variance, "mean": mean, "version": mi.__version__, "threads": settings.threads,
                 })  # fmt: skip
-            best = min(form["variance"] * form["seconds"] for form in forms if form["integrator"].startswith("direct"))
+            best = min(form["variance"] * form["seconds"] for form in forms if form["integrator"].startswith("direct,"))
             for form in forms:
                 form["ratio"] = best / (form["variance"] * form["seconds"])
                 print(picture, form["integrator"], f"{form['ratio']:.2f}", file=sys.stderr, flush=True)

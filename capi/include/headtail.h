@@ -38,7 +38,7 @@ typedef struct {
     const float *alpha;
     // Number of entries of `alpha`.
     uintptr_t alpha_count;
-    // Reflectances at normal incidence from 0 to 1; NULL uses 1.
+    // Their reflectances at normal incidence from 0 to 1; NULL uses 1.
     const float *f0;
     // Number of entries of `f0`.
     uintptr_t f0_count;

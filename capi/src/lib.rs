@@ -44,7 +44,7 @@ pub struct HeadtailPoints {
     pub alpha: *const f32,
     /// Number of entries of `alpha`.
     pub alpha_count: usize,
-    /// Reflectances at normal incidence from 0 to 1; NULL uses 1.
+    /// Their reflectances at normal incidence from 0 to 1; NULL uses 1.
     pub f0: *const f32,
     /// Number of entries of `f0`.
     pub f0_count: usize,

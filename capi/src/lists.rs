@@ -103,6 +103,9 @@ pub unsafe fn point_list<'a>(points: *const HeadtailPoints, sampler: &OpenSample
         if sampler.needs_positions && points.p.is_null() {
             return Err(Failure::argument("p: is NULL; the sampler depends on positions".to_owned()));
         }
+        if points.alpha.is_null() && !points.f0.is_null() {
+            return Err(Failure::argument("f0: is of surfaces that have alpha, which is NULL".to_owned()));
+        }
         let is_of_gltf = !(points.metallic.is_null() && points.base_color.is_null());
         if is_of_gltf && points.roughness.is_null() {
             return Err(Failure::argument(

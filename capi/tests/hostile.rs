@@ -96,6 +96,9 @@ fn prepared_points_give_the_same_draws_and_outlive_their_sampler() {
         let smooth = HeadtailPoints { metallic: roughness.as_ptr(), metallic_count: 1, ..points(&[UP]) };
         assert_eq!(headtail_points_prepare(sampler, &smooth, 40, &mut none), HeadtailStatus::Invalid);
         assert!(error().contains("roughness: is NULL"), "{}", error());
+        let flat = HeadtailPoints { f0: roughness.as_ptr(), f0_count: 1, ..points(&[UP]) };
+        assert_eq!(headtail_points_prepare(sampler, &flat, 40, &mut none), HeadtailStatus::Invalid);
+        assert!(error().contains("f0: is of surfaces"), "{}", error());
         assert_eq!((headtail_close(sampler), headtail_close(map)), (HeadtailStatus::Ok, HeadtailStatus::Ok));
         let status = headtail_points_sample(prepared, 40, null(), 7, twice, second, null_mut());
         assert_eq!(status, HeadtailStatus::Ok, "{}", error());
