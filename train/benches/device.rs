@@ -13,7 +13,7 @@ use headtail_render::{
 };
 use headtail_train::{
     Backend, FlowSize, GradientSource, Preset, Result, TrainingState, Viewpoints, build_target,
-    device::{DeviceFlow, DeviceGradient, KernelTime},
+    device::{DeviceFlow, DeviceGradient, Gpu, KernelTime},
 };
 
 fn main() -> Result<()> {
@@ -46,7 +46,7 @@ fn time_heads(tail: &Tail, conditions: usize, steps: usize) -> Result<()> {
     for together in
         [1 << 14, 1 << 15, 1 << 16, 1 << 17, 1 << 18].into_iter().filter(|&size| size == 1 << 14 || size < 2 * points)
     {
-        let mut device = DeviceGradient::new(&head)?.in_pieces_of(together);
+        let mut device = DeviceGradient::new(Gpu::open()?, &head)?.in_pieces_of(together);
         let mut state = TrainingState::new(&config, weights.clone());
         let take = |most| Ok(device.take_steps(&config, &*target, &mut state, most)?.len());
         let rate = (points * steps) as f64 / seconds_of(steps, take)? / 1e6;
@@ -65,7 +65,7 @@ fn time_flows(conditions: usize, steps: usize) -> Result<()> {
         let config = config.flow.optimizer(&config);
         let flow = Flow::new(FlowConfig::PAPER, config.seed, &Backend::default().device()?)?;
         let points: Vec<f32> = (1..=2 * config.flow.points()).map(|k| (k as f32 * 0.618_034).fract()).collect();
-        let mut device = DeviceFlow::new(&flow)?;
+        let mut device = DeviceFlow::new(Gpu::open()?, &flow)?;
         let mut state = TrainingState::new(&config, flow.flat_weights());
         let take = |most| Ok(device.take_steps(&config, &mut state, most, &|_| points.clone())?.len());
         let rate = (config.flow.points() * steps) as f64 / seconds_of(steps, take)? / 1e6;

@@ -7,8 +7,12 @@ use headtail_model::Head;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Backend, GradientSource, Objective, Result, StepGradient, config::name_of, fused::FusedGradient,
-    in_graph::in_graph, integrand::Batch,
+    Backend, GradientSource, Objective, Result, StepGradient,
+    config::name_of,
+    device::{DeviceGradient, Gpu},
+    fused::FusedGradient,
+    in_graph::in_graph,
+    integrand::Batch,
 };
 
 /// How a step's gradient is computed. All forms agree to rounding.
@@ -45,11 +49,16 @@ impl GradientForm {
     /// # Errors
     /// As [`source`](Self::source).
     pub fn graphics_device(self) -> Result<Option<String>> {
-        match self {
-            Self::Auto => device_name(false),
-            Self::Device => device_name(true),
-            Self::Fused | Self::InGraph => Ok(None),
-        }
+        Ok(self.open_device()?.map(|gpu| gpu.to_string()))
+    }
+
+    /// Opens the graphics device that the form computes on: for `Auto`, a graphics card, if there is one.
+    pub(crate) fn open_device(self) -> Result<Option<Gpu>> {
+        Ok(match self {
+            Self::Auto => Gpu::open_card()?,
+            Self::Device => Some(Gpu::open()?),
+            Self::Fused | Self::InGraph => None,
+        })
     }
 
     /// Returns the gradient source for heads of the shape of `head`, which lives on `device`.
@@ -57,16 +66,15 @@ impl GradientForm {
     /// # Errors
     /// If the form needs a graphics device, and this build or the machine has none.
     pub fn source(self, head: &Head, backend: Backend, device: &Device) -> Result<Box<dyn GradientSource>> {
-        if let (Self::Auto, Some(source)) = (self, on_graphics_card(head)?) {
-            return Ok(source);
+        if let Some(gpu) = self.open_device()? {
+            return Ok(Box::new(DeviceGradient::new(gpu, head)?));
         }
         Ok(match self.on(backend) {
-            Self::Fused | Self::Auto => Box::new(FusedGradient::new(head)),
             Self::InGraph => {
                 let name = if backend.is_host() { "CPU".into() } else { format!("{device:?}") };
                 Box::new(BurnGradient { head: head.clone(), device: device.clone().autodiff(), name })
             }
-            Self::Device => on_device(head)?,
+            _ => Box::new(FusedGradient::new(head)),
         })
     }
 }
@@ -75,40 +83,6 @@ impl fmt::Display for GradientForm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&name_of(self))
     }
-}
-
-#[cfg(feature = "gpu")]
-fn on_device(head: &Head) -> Result<Box<dyn GradientSource>> {
-    Ok(Box::new(crate::device::DeviceGradient::new(head)?))
-}
-
-#[cfg(feature = "gpu")]
-fn on_graphics_card(head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
-    let found = crate::device::DeviceGradient::on_graphics_card(head)?;
-    Ok(found.map(|found| Box::new(found) as Box<dyn GradientSource>))
-}
-
-#[cfg(feature = "gpu")]
-fn device_name(is_asked_for: bool) -> Result<Option<String>> {
-    use headtail_shaders::gpu::Gpu;
-    let gpu = if is_asked_for { Some(Gpu::open()?) } else { Gpu::open_card()? };
-    Ok(gpu.map(|gpu| gpu.to_string()))
-}
-
-#[cfg(not(feature = "gpu"))]
-fn device_name(is_asked_for: bool) -> Result<Option<String>> {
-    if is_asked_for { Err(crate::Error::DeviceNotCompiled) } else { Ok(None) }
-}
-
-#[cfg(not(feature = "gpu"))]
-fn on_device(_head: &Head) -> Result<Box<dyn GradientSource>> {
-    Err(crate::Error::DeviceNotCompiled)
-}
-
-#[cfg(not(feature = "gpu"))]
-#[allow(clippy::unnecessary_wraps)]
-fn on_graphics_card(_head: &Head) -> Result<Option<Box<dyn GradientSource>>> {
-    Ok(None)
 }
 
 /// Gradients by burn, on any backend.

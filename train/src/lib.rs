@@ -13,6 +13,7 @@
 //! | `loss/` | losses in closed form, and in burn's graph |
 //! | `step_gradient.rs`, `gradient.rs` | the trait `GradientSource`; its forms |
 //! | `fused/`, `device/`, `in_graph.rs` | gradients in SIMD lanes; by shaders on a GPU; in burn's graph |
+//! | `device_absent.rs` | in place of `device/` in a build without graphics devices |
 //! | `reference.rs` | the loss in f64, for tests |
 //! | `trainer.rs`, `state.rs`, `optimizer.rs` | the training loop, its state, AdamW |
 //! | `fit.rs` | training heads |
@@ -34,6 +35,9 @@ pub mod config;
 pub mod config_file;
 #[cfg(feature = "gpu")]
 pub mod device;
+#[cfg(not(feature = "gpu"))]
+#[path = "device_absent.rs"]
+mod device;
 pub mod error;
 pub mod export;
 pub mod fit;

@@ -16,7 +16,7 @@ use headtail_render::{
 use headtail_train::{
     Backend, Batch, Checkpoints, CosineTarget, FitConfig, FlowSettings, GradientForm, GradientSource, Loss, Objective,
     Preset, Progress, Run, StateFile, StepGradient, TrainingState, Viewpoints, build_target, condition_of,
-    device::{DeviceFlow, DeviceGradient},
+    device::{DeviceFlow, DeviceGradient, Gpu},
     fit_flow, fit_with,
     fused::{FusedFlow, FusedGradient},
     integrand::BatchShape,
@@ -73,7 +73,7 @@ fn agrees(config: HeadConfig, objective: Objective, conditions: usize) -> Outcom
     let (head, mut weights) = head(config, if config.bins > 8 { 0.05 } else { 0.2 });
     let batch = batch(config.condition, conditions);
     // Several pieces, the last one smaller.
-    let mut device = DeviceGradient::new(&head)?.in_pieces_of(8 * batch.samples);
+    let mut device = DeviceGradient::new(Gpu::open()?, &head)?.in_pieces_of(8 * batch.samples);
     let mut fused = FusedGradient::new(&head);
     for _ in 0..2 {
         let expected = fused.gradient(&weights, objective, &batch)?.ok_or("there is light")?;
@@ -90,7 +90,7 @@ fn flows_agree(shape: FlowConfig) -> Outcome {
     let moved = |(k, weight): (usize, f32)| weight + 0.1 * ((k * 7919 % 101) as f32 / 50.0 - 1.0);
     let mut weights: Vec<f32> = flow.flat_weights().into_iter().enumerate().map(moved).collect();
     let points: Vec<f32> = (1..=2 * 301).map(|k| (k as f32 * 0.618_034).fract()).collect();
-    let mut device = DeviceFlow::new(&flow)?.in_pieces_of(128);
+    let mut device = DeviceFlow::new(Gpu::open()?, &flow)?.in_pieces_of(128);
     let mut fused = FusedFlow::new(&flow);
     for _ in 0..2 {
         same(&fused.gradient(&weights, &points), &device.gradient(&weights, &points)?)?;
@@ -122,7 +122,7 @@ fn same_losses_of_a_flow() -> Outcome {
 fn same_bytes_in_every_run() -> Outcome {
     let (head, weights) = head(HeadConfig::COSINE, 0.1);
     let batch = batch(Condition::Normal, 40);
-    let step = || DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch);
+    let step = || DeviceGradient::new(Gpu::open()?, &head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch);
     if step()? != step()? {
         return Err("two runs differ".into());
     }
@@ -144,8 +144,9 @@ fn same_targets_as_the_host() -> Outcome {
             let target = build_target(&config, &tail, Viewpoints::Sphere)?;
             let expected = Batch::draw(&*target, config.batch_shape(), config.seed, Purpose::Batch, 5)?;
             let head = Head::new(config.head, 0, &Backend::default().device()?)?;
-            let found =
-                DeviceGradient::new(&head)?.batch(&config, &*target, 5)?.ok_or("the target is in closed form")?;
+            let found = DeviceGradient::new(Gpu::open()?, &head)?
+                .batch(&config, &*target, 5)?
+                .ok_or("the target is in closed form")?;
             let lists = |batch: &Batch| {
                 let Batch { points, densities, weights, brdf, tails, .. } = batch;
                 [points, densities, weights, brdf, tails].map(Vec::clone)
@@ -241,7 +242,8 @@ fn steps_that_are_not_finite_are_skipped() -> Outcome {
     let (head, mut weights) = head(config.head, 0.1);
     weights.fill(f32::NAN);
     let mut state = TrainingState::new(&config, weights.clone());
-    let outcomes = DeviceGradient::new(&head)?.take_steps(&config, &CosineTarget::new(&tail), &mut state, 3)?;
+    let outcomes =
+        DeviceGradient::new(Gpu::open()?, &head)?.take_steps(&config, &CosineTarget::new(&tail), &mut state, 3)?;
     let moments = &state.parameters.optimizer;
     let is_same = |(a, b): (&f32, &f32)| a.to_bits() == b.to_bits();
     let are_same = state.parameters.weights.iter().zip(&weights).all(is_same);
@@ -273,7 +275,7 @@ fn too_many_points_of_a_condition_are_refused() -> Outcome {
         tails: list(),
         mixture_weight_logits: vec![0.0],
     };
-    match DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch) {
+    match DeviceGradient::new(Gpu::open()?, &head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch) {
         Err(error) if error.to_string().contains("strata") => Ok(()),
         other => Err(format!("{:?}", other.map(|found| found.map(|found| found.loss))).into()),
     }
@@ -283,7 +285,7 @@ fn no_gradient_without_light() -> Outcome {
     let (head, weights) = head(HeadConfig::COSINE, 0.1);
     let mut batch = batch(Condition::Normal, 3);
     batch.densities.fill(0.0);
-    match DeviceGradient::new(&head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch)? {
+    match DeviceGradient::new(Gpu::open()?, &head)?.gradient(&weights, Loss::LogChiSquare.into(), &batch)? {
         None => Ok(()),
         Some(_) => Err("there is no light".into()),
     }
@@ -293,7 +295,7 @@ fn main() {
     let arguments = Arguments { test_threads: Some(2), ..Arguments::from_args() };
     let adapter = Head::new(HeadConfig::COSINE, 0, &Backend::default().device().unwrap())
         .map_err(headtail_train::Error::from)
-        .and_then(|head| DeviceGradient::new(&head));
+        .and_then(|head| DeviceGradient::new(Gpu::open()?, &head));
     match &adapter {
         Ok(device) => println!("adapter: {}", device.device()),
         Err(reason) => eprintln!("skipped: {reason}"),

@@ -4,11 +4,11 @@ use headtail_model::Flow;
 use headtail_shaders::gpu::{Gpu, GpuError};
 
 use super::{
-    POINTS, POINTS_OF_CARD,
     coupling::FlowMemory,
     dispatch::TILE,
     engine::{Engine, Prepared},
     plan::Plan,
+    points_together,
 };
 use crate::{Error, FitConfig, Result, StepGradient, TrainingState, fused::FlowLayout, state::Outcome};
 
@@ -25,27 +25,14 @@ pub struct DeviceFlow {
 }
 
 impl DeviceFlow {
-    /// Opens the fastest adapter for flows of the shape of `flow`, a software adapter where there is no other.
+    /// Prepares gradients of flows of the shape of `flow`.
     ///
     /// # Errors
-    /// If there is no adapter, or it cannot be opened.
-    pub fn new(flow: &Flow) -> Result<Self> {
-        Self::on(Gpu::open()?, flow)
-    }
-
-    /// Returns gradients on a graphics card; `None` without one.
-    ///
-    /// # Errors
-    /// If there is one that cannot be opened.
-    pub fn on_graphics_card(flow: &Flow) -> Result<Option<Self>> {
-        Gpu::open_card()?.map(|gpu| Self::on(gpu, flow)).transpose()
-    }
-
-    fn on(gpu: Gpu, flow: &Flow) -> Result<Self> {
-        let points = if gpu.is_card() { POINTS_OF_CARD } else { POINTS };
+    /// If the device has too little memory.
+    pub fn new(gpu: Gpu, flow: &Flow) -> Result<Self> {
         let layout = FlowLayout::new(*flow.config());
         assert_eq!(layout.length, flow.weight_count(), "the layout is that of the flow's flat weights");
-        Ok(Self { engine: Engine::new(gpu, layout.length)?, layout, points, prepared: None })
+        Ok(Self { points: points_together(&gpu), engine: Engine::new(gpu, layout.length)?, layout, prepared: None })
     }
 
     /// Sets how many points pass through the network together; the gradient changes by rounding.

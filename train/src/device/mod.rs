@@ -32,7 +32,8 @@ mod steps;
 mod targets;
 
 use headtail_model::Head;
-use headtail_shaders::gpu::{Gpu, GpuError};
+pub use headtail_shaders::gpu::Gpu;
+use headtail_shaders::gpu::GpuError;
 
 use crate::{
     Error, FitConfig, GradientSource, Objective, Result, StepGradient, Target, TrainingState, fused::Layout,
@@ -49,8 +50,9 @@ use targets::Targets;
 
 /// Points that pass through the networks together: many more than a device has threads. A card takes as many as the
 /// paper's batch has, since the dispatches of a piece wait for one another.
-const POINTS: usize = 1 << 16;
-const POINTS_OF_CARD: usize = 1 << 18;
+fn points_together(gpu: &Gpu) -> usize {
+    if gpu.is_card() { 1 << 18 } else { 1 << 16 }
+}
 
 /// Computes gradients of heads of one shape on a graphics device.
 pub struct DeviceGradient {
@@ -84,27 +86,14 @@ impl From<GpuError> for Error {
 }
 
 impl DeviceGradient {
-    /// Opens the fastest adapter for heads of the shape of `head`, a software adapter where there is no other.
+    /// Prepares gradients of heads of the shape of `head`.
     ///
     /// # Errors
-    /// If there is no adapter, or it cannot be opened.
-    pub fn new(head: &Head) -> Result<Self> {
-        Self::on(Gpu::open()?, head)
-    }
-
-    /// Returns gradients on a graphics card; `None` without one.
-    ///
-    /// # Errors
-    /// If there is one that cannot be opened.
-    pub fn on_graphics_card(head: &Head) -> Result<Option<Self>> {
-        Gpu::open_card()?.map(|gpu| Self::on(gpu, head)).transpose()
-    }
-
-    fn on(gpu: Gpu, head: &Head) -> Result<Self> {
-        let points = if gpu.is_card() { POINTS_OF_CARD } else { POINTS };
+    /// If the device has too little memory.
+    pub fn new(gpu: Gpu, head: &Head) -> Result<Self> {
         let layout = Layout::new(*head.config());
         assert_eq!(layout.length, head.weight_count(), "the layout is that of the head's flat weights");
-        Ok(Self { engine: Engine::new(gpu, layout.length)?, layout, points, prepared: None })
+        Ok(Self { points: points_together(&gpu), engine: Engine::new(gpu, layout.length)?, layout, prepared: None })
     }
 
     /// Sets how many points pass through the networks together, at least those of one condition: more keep a

@@ -6,7 +6,9 @@ use burn::{
 };
 use headtail_model::Flow;
 
-use crate::{FitConfig, GradientForm, Result, StepGradient, TrainingState, fused::FusedFlow, state::Outcome};
+use crate::{
+    FitConfig, GradientForm, Result, StepGradient, TrainingState, device::DeviceFlow, fused::FusedFlow, state::Outcome,
+};
 
 /// Computes `-mean ln q` and its gradient. All forms agree to rounding.
 pub enum FlowGradient {
@@ -20,8 +22,7 @@ pub enum FlowGradient {
         device: Device,
     },
     /// By shaders on a graphics device.
-    #[cfg(feature = "gpu")]
-    Device(Box<crate::device::DeviceFlow>),
+    Device(Box<DeviceFlow>),
 }
 
 impl FlowGradient {
@@ -30,30 +31,13 @@ impl FlowGradient {
     /// # Errors
     /// As [`GradientForm::source`].
     pub fn new(config: &FitConfig, flow: &Flow, device: &Device) -> Result<Self> {
-        if let Some(found) = Self::on_device(config.gradient, flow)? {
-            return Ok(found);
+        if let Some(gpu) = config.gradient.open_device()? {
+            return Ok(Self::Device(Box::new(DeviceFlow::new(gpu, flow)?)));
         }
         Ok(match config.gradient.on(config.backend) {
             GradientForm::InGraph => Self::InGraph { flow: Box::new(flow.clone()), device: device.clone().autodiff() },
             _ => Self::Fused(Box::new(FusedFlow::new(flow))),
         })
-    }
-
-    /// Returns the form on a device: that of `Auto` where there is a graphics card.
-    #[cfg(feature = "gpu")]
-    fn on_device(form: GradientForm, flow: &Flow) -> Result<Option<Self>> {
-        use crate::device::DeviceFlow;
-        let found = match form {
-            GradientForm::Auto => DeviceFlow::on_graphics_card(flow)?,
-            GradientForm::Device => Some(DeviceFlow::new(flow)?),
-            GradientForm::Fused | GradientForm::InGraph => None,
-        };
-        Ok(found.map(|found| Self::Device(Box::new(found))))
-    }
-
-    #[cfg(not(feature = "gpu"))]
-    fn on_device(form: GradientForm, _flow: &Flow) -> Result<Option<Self>> {
-        if form == GradientForm::Device { Err(crate::Error::DeviceNotCompiled) } else { Ok(None) }
     }
 
     /// Returns loss and gradient at points of X, `[samples, 2]`. The caller skips results that are not
@@ -72,7 +56,6 @@ impl FlowGradient {
                 let gradients = GradientsParams::from_grads(loss.backward(), &flow);
                 Ok(StepGradient { loss: value, d_weight: flow.flat_gradients(&gradients) })
             }
-            #[cfg(feature = "gpu")]
             Self::Device(device) => device.gradient(weights, points),
         }
     }
@@ -90,12 +73,8 @@ impl FlowGradient {
         draw: &dyn Fn(u64) -> Vec<f32>,
     ) -> Result<Vec<Outcome>> {
         match self {
-            #[cfg(feature = "gpu")]
             Self::Device(device) => device.take_steps(config, state, most, draw),
-            Self::Fused(_) | Self::InGraph { .. } => {
-                let _ = (config, state, most, draw);
-                Ok(Vec::new())
-            }
+            Self::Fused(_) | Self::InGraph { .. } => Ok(Vec::new()),
         }
     }
 }
