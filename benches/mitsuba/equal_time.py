@@ -5,9 +5,9 @@
 The views of `benches/peers/renderers/views.py`, diffuse and glossy, and the first of them with three area lights. Both
 integrators take multijittered points, and one or four samples per hit; `direct` samples the map with MIS compensation.
 The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. Ratios are those
-of the best form of `direct` in the picture over each form. The rows `rays` are bounds: the ratio of a sampler with the
-variance of `direct` that takes no time beside its rays. Needs mitsuba, numpy and headtail, and nothing else that
-runs. Prints a JSON list, and progress to the standard error.
+of the best form of `direct` in the picture over each form. The rows `rays` have the ratio of a sampler
+with the variance of `direct` that takes no time beside its rays, if variance falls as one over the number of samples.
+Needs mitsuba, numpy and headtail, and nothing else that runs. Prints a JSON list, and progress to the standard error.
 """
 
 import argparse
