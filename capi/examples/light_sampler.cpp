@@ -1,5 +1,5 @@
 // A light sampler with pbrt's interface: SampleLi and PDF_Li at a shading point, with headtail's C++ header.
-//   c++ -std=c++17 -I capi/include capi/examples/light_sampler.cpp -lheadtail_c && ./a.out room.hdr
+//   c++ -std=c++17 -I capi/include capi/examples/light_sampler.cpp -lheadtail_c && ./a.out room.hdr neural:satin.safetensors
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -73,6 +73,28 @@ static double reflected_by_batch(const char *name, std::size_t count) {
     return sum;
 }
 
+// Light that a point of a neural material reflects to a viewer: radiance x BRDF x cosine / pdf.
+static double reflected_by_material(const char *map_name, const char *name, std::size_t count) {
+    const headtail::environment map(map_name);
+    const headtail::sampler sampler("mis", map);
+    const headtail::material material(name);
+    const std::array<Vector3f, 1> n{{{0, 1, 0}}}, wo{{{0.6f, 0.8f, 0}}};
+    const std::array<std::array<float, 2>, 1> uv{{{0.3f, 0.6f}}};
+    const std::array<std::array<float, 4>, 1> tangent{{{1, 0, 0, 1}}};
+    headtail::points at{n, wo};
+    at.material = material.handle(), at.uv = uv, at.tangent = tangent;
+    std::vector<Vector3f> wi(count), radiance(count), reflectance(count);
+    std::vector<float> pdf(count);
+    sampler.prepare(at, count).sample(headtail::seed{1}, wi, pdf, radiance);
+    for (std::size_t k = 0; k < count; k++)
+        if (pdf[k] == 0) wi[k] = n[0];
+    headtail::brdf_cosine(at, wi, reflectance);
+    double sum = 0;
+    for (std::size_t k = 0; k < count; k++)
+        if (pdf[k] > 0) sum += radiance[k].y * reflectance[k].y / pdf[k] / double(count);
+    return sum;
+}
+
 int main(int argc, char **argv) try {
     const char *name = argc > 1 ? argv[1] : "studio";
     ProductLight light(name);
@@ -93,6 +115,11 @@ int main(int argc, char **argv) try {
         return 2;
     } catch (const headtail::error &error) {
         std::printf("as expected: %s\n", error.what());
+    }
+    if (argc > 2) {
+        const double by_material = reflected_by_material(name, argv[2], side * side);
+        std::printf("reflected by %s %.4f\n", argv[2], by_material);
+        if (!(by_material > 0)) return 1;
     }
     return reflected > 0 && std::abs(batch / reflected - 1) < 0.1 && largest < 0.05 ? 0 : 1;
 } catch (const std::exception &error) {

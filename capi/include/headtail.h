@@ -20,11 +20,11 @@ typedef enum {
     HEADTAIL_STATUS_INTERNAL = 3,
 } HeadtailStatus;
 
-// A handle of an open environment, sampler or list of prepared points; 0 is never a valid handle.
+// A handle of an open environment, sampler, material or list of prepared points; 0 is never a valid handle.
 typedef uint64_t HeadtailHandle;
 
-// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha` or
-// `roughness` is given.
+// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha`,
+// `roughness` or `material` is given.
 typedef struct {
     // Unit shading normals in world space, three floats each.
     const float *n;
@@ -58,6 +58,23 @@ typedef struct {
     const float *p;
     // Number of entries of `p`.
     uintptr_t p_count;
+    // The measured or neural material of all surfaces, or 0.
+    HeadtailHandle material;
+    // Texture coordinates of a neural material, two floats each; NULL for others, as the following. The texture
+    // repeats with period 1.
+    const float *uv;
+    // Number of entries of `uv`.
+    uintptr_t uv_count;
+    // Directions in world space in which u grows, of any length, and 1, or -1 where the texture is mirrored: four
+    // floats each, as tangents of glTF.
+    const float *tangent;
+    // Number of entries of `tangent`.
+    uintptr_t tangent_count;
+    // Standard deviations of pixels' footprints on the surface, in units of the texture coordinates; NULL uses 0,
+    // which is the finest detail.
+    const float *footprint;
+    // Number of entries of `footprint`.
+    uintptr_t footprint_count;
 } HeadtailPoints;
 
 #ifdef __cplusplus
@@ -83,6 +100,12 @@ HeadtailStatus headtail_environment_from_texels(uintptr_t width,
                                                 uintptr_t height,
                                                 const float *texels,
                                                 HeadtailHandle *out);
+
+// Opens a measured or neural material by its UTF-8 name: "nbrdf:FILE#NAME" or "neural:FILE".
+//
+// # Safety
+// `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.
+HeadtailStatus headtail_material_open(const char *name, HeadtailHandle *out);
 
 // Creates the sampler of a SPEC for an environment, as on the command line: "auto" (here the same as
 // "patches", because there is no scene), "mis", "direct:FILE", "patches+vis:FILE", ... Visibility and portals in files
@@ -132,6 +155,13 @@ HeadtailStatus headtail_sampler_pdf(HeadtailHandle sampler,
                                     const float *wi,
                                     float *pdf);
 
+// Evaluates BRDF times max(0, cosine) of the `count` unit directions `wi` at the points, in 1/sr: `value` receives
+// three floats per point, linear Rec.709. Surfaces that are not diffuse need `wo`.
+//
+// # Safety
+// As for [`headtail_sampler_sample`].
+HeadtailStatus headtail_brdf_cosine(const HeadtailPoints *points, uintptr_t count, const float *wi, float *value);
+
 // Prepares `count` points for a sampler, whose samples and pdfs then cost less: copies the points, and computes what
 // the sampler needs of each. Close the handle when the points are done.
 //
@@ -160,7 +190,7 @@ HeadtailStatus headtail_points_sample(HeadtailHandle points,
 // As for [`headtail_sampler_sample`].
 HeadtailStatus headtail_points_pdf(HeadtailHandle points, uintptr_t count, const float *wi, float *pdf);
 
-// Closes an environment, a sampler, or prepared points. Samplers and prepared points keep what they need.
+// Closes an environment, a sampler, a material, or prepared points. Samplers and prepared points keep what they need.
 HeadtailStatus headtail_close(HeadtailHandle handle);
 
 #ifdef __cplusplus

@@ -68,12 +68,17 @@ template <std::size_t N> using results = list<N, true>;
 
 // Shading points; each list has one entry for all points, or one per point. Without `wo`, directions to the viewer are
 // the normals. Surfaces are diffuse; with `alpha` glossy, with `f0` as their reflectance at normal incidence (1 without
-// it); with `roughness` those of glTF, with `metallic` (0) and `base_color` (white). Positions `p` are for samplers with
-// visibility or portals.
+// it); with `roughness` those of glTF, with `metallic` (0) and `base_color` (white); with the handle of a `material`
+// measured or neural, the latter with `uv`, `tangent` and `footprint` (0). Positions `p` are for samplers with visibility
+// or portals.
 struct points {
     list<3> n, wo{};
     list<1> alpha{}, f0{}, roughness{}, metallic{};
     list<3> base_color{}, p{};
+    HeadtailHandle material = 0;
+    list<2> uv{};
+    list<4> tangent{};
+    list<1> footprint{};
 
     operator HeadtailPoints() const {
         HeadtailPoints at{};
@@ -85,6 +90,10 @@ struct points {
         at.metallic = metallic.data(), at.metallic_count = metallic.size();
         at.base_color = base_color.data(), at.base_color_count = base_color.size();
         at.p = p.data(), at.p_count = p.size();
+        at.material = material;
+        at.uv = uv.data(), at.uv_count = uv.size();
+        at.tangent = tangent.data(), at.tangent_count = tangent.size();
+        at.footprint = footprint.data(), at.footprint_count = footprint.size();
         return at;
     }
 };
@@ -125,9 +134,41 @@ class environment : public object {
     }
 };
 
+class material : public object {
+  public:
+    // "nbrdf:FILE#NAME" or "neural:FILE".
+    explicit material(const std::string &name) { check(headtail_material_open(name.c_str(), &own)); }
+};
+
 inline void same_length(const char *name, std::size_t length, std::size_t count) {
     if (length != count)
         throw std::invalid_argument(std::string(name) + ": has " + std::to_string(length) + " entries, not " + std::to_string(count));
+}
+
+// The lists of `count` points, whose lengths are checked.
+inline HeadtailPoints checked_lists(const points &at, std::size_t count) {
+    const auto one_or_all = [count](const char *name, std::size_t length, bool may_lack) {
+        if (length != 1 && !(may_lack && length == 0)) same_length(name, length, count);
+    };
+    one_or_all("n", at.n.size(), false);
+    one_or_all("wo", at.wo.size(), true);
+    one_or_all("alpha", at.alpha.size(), true);
+    one_or_all("f0", at.f0.size(), true);
+    one_or_all("roughness", at.roughness.size(), true);
+    one_or_all("metallic", at.metallic.size(), true);
+    one_or_all("base_color", at.base_color.size(), true);
+    one_or_all("p", at.p.size(), true);
+    one_or_all("uv", at.uv.size(), true);
+    one_or_all("tangent", at.tangent.size(), true);
+    one_or_all("footprint", at.footprint.size(), true);
+    return at;
+}
+
+// Evaluates BRDF times max(0, cosine) of unit directions, one per point, per channel in 1/sr.
+inline void brdf_cosine(const points &at, list<3> wi, results<3> value) {
+    same_length("wi", wi.size(), value.size());
+    const HeadtailPoints checked = checked_lists(at, value.size());
+    if (!value.empty()) check(headtail_brdf_cosine(&checked, value.size(), wi.data(), value.data()));
 }
 
 // Samples directions for points: one per point. Where the pdf is 0, there is no sample and all results are 0. All member
@@ -208,14 +249,14 @@ class sampler : public object {
     // Evaluates the solid-angle pdfs with which `sample` samples unit directions.
     void pdf(const points &at, list<3> wi, results<1> out) const {
         same_length("wi", wi.size(), out.size());
-        const HeadtailPoints checked = lists(at, out.size());
+        const HeadtailPoints checked = checked_lists(at, out.size());
         if (!out.empty()) check(headtail_sampler_pdf(own, &checked, out.size(), wi.data(), out.data()));
     }
 
     // Prepares `count` points: their samples and pdfs then cost less.
     prepared_points prepare(const points &at, std::size_t count) const {
         prepared_points prepared(count);
-        const HeadtailPoints checked = lists(at, count);
+        const HeadtailPoints checked = checked_lists(at, count);
         if (count) check(headtail_points_prepare(own, &checked, count, &prepared.own));
         return prepared;
     }
@@ -223,25 +264,10 @@ class sampler : public object {
   private:
     sampler() = default;
 
-    static HeadtailPoints lists(const points &at, std::size_t count) {
-        const auto one_or_all = [count](const char *name, std::size_t length, bool may_lack) {
-            if (length != 1 && !(may_lack && length == 0)) same_length(name, length, count);
-        };
-        one_or_all("n", at.n.size(), false);
-        one_or_all("wo", at.wo.size(), true);
-        one_or_all("alpha", at.alpha.size(), true);
-        one_or_all("f0", at.f0.size(), true);
-        one_or_all("roughness", at.roughness.size(), true);
-        one_or_all("metallic", at.metallic.size(), true);
-        one_or_all("base_color", at.base_color.size(), true);
-        one_or_all("p", at.p.size(), true);
-        return at;
-    }
-
     void draw(const points &at, const float *u, std::uint64_t random, results<3> wi, results<1> pdf, results<3> radiance) const {
         same_length("wi", wi.size(), pdf.size());
         if (!radiance.empty()) same_length("radiance", radiance.size(), pdf.size());
-        const HeadtailPoints checked = lists(at, pdf.size());
+        const HeadtailPoints checked = checked_lists(at, pdf.size());
         if (pdf.empty()) return;
         check(headtail_sampler_sample(own, &checked, pdf.size(), u, random, wi.data(), pdf.data(), radiance.data()));
     }

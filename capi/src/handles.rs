@@ -5,7 +5,11 @@ use std::{
     sync::{Arc, LazyLock, PoisonError, RwLock},
 };
 
-use headtail_sampling::{batch::PreparedPoints, environment::Environment, sampler::Sampler};
+use headtail_sampling::{
+    batch::{FittedMaterial, PreparedPoints},
+    environment::Environment,
+    sampler::Sampler,
+};
 
 use crate::status::Failure;
 
@@ -15,6 +19,7 @@ pub enum Object {
     Environment(Arc<Environment>),
     Sampler(Arc<OpenSampler>),
     Prepared(Arc<OpenPoints>),
+    Material(Arc<FittedMaterial>),
 }
 
 impl Object {
@@ -23,6 +28,7 @@ impl Object {
             Self::Environment(_) => "an environment",
             Self::Sampler(_) => "a sampler",
             Self::Prepared(_) => "prepared points",
+            Self::Material(_) => "a material",
         }
     }
 }
@@ -89,6 +95,13 @@ pub fn prepared(handle: u64) -> Result<Arc<OpenPoints>, Failure> {
     match object(handle)? {
         Object::Prepared(points) => Ok(points),
         other => Err(wrong(handle, &other, "prepared points")),
+    }
+}
+
+pub fn material(handle: u64) -> Result<Arc<FittedMaterial>, Failure> {
+    match object(handle)? {
+        Object::Material(material) => Ok(material),
+        other => Err(wrong(handle, &other, "a material")),
     }
 }
 

@@ -13,7 +13,7 @@ use std::{ffi::c_char, path::Path, sync::Arc};
 
 use handles::{Object, OpenPoints, OpenSampler};
 use headtail_sampling::{
-    batch::{self, PreparedPoints},
+    batch::{self, FittedMaterial, PreparedPoints},
     environment::Environment,
     export::ExportedSampler,
     image::Image,
@@ -24,11 +24,11 @@ use status::{Failure, call};
 
 pub use status::HeadtailStatus;
 
-/// A handle of an open environment, sampler or list of prepared points; 0 is never a valid handle.
+/// A handle of an open environment, sampler, material or list of prepared points; 0 is never a valid handle.
 pub type HeadtailHandle = u64;
 
-/// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha` or
-/// `roughness` is given.
+/// Shading points. Each list has one entry for all points, or one per point. Surfaces are diffuse, unless `alpha`,
+/// `roughness` or `material` is given.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct HeadtailPoints {
@@ -64,6 +64,23 @@ pub struct HeadtailPoints {
     pub p: *const f32,
     /// Number of entries of `p`.
     pub p_count: usize,
+    /// The measured or neural material of all surfaces, or 0.
+    pub material: HeadtailHandle,
+    /// Texture coordinates of a neural material, two floats each; NULL for others, as the following. The texture
+    /// repeats with period 1.
+    pub uv: *const f32,
+    /// Number of entries of `uv`.
+    pub uv_count: usize,
+    /// Directions in world space in which u grows, of any length, and 1, or -1 where the texture is mirrored: four
+    /// floats each, as tangents of glTF.
+    pub tangent: *const f32,
+    /// Number of entries of `tangent`.
+    pub tangent_count: usize,
+    /// Standard deviations of pixels' footprints on the surface, in units of the texture coordinates; NULL uses 0,
+    /// which is the finest detail.
+    pub footprint: *const f32,
+    /// Number of entries of `footprint`.
+    pub footprint_count: usize,
 }
 
 impl Default for HeadtailPoints {
@@ -114,6 +131,20 @@ pub unsafe extern "C" fn headtail_environment_from_texels(
         let (pixels, out) = unsafe { (list("texels", texels.cast::<[f32; 3]>(), count)?, target("out", out)?) };
         let image = Image { width, height, pixels: pixels.to_vec() };
         *out = handles::open(Object::Environment(Arc::new(Environment::from_image("texels", image)?)));
+        Ok(())
+    })
+}
+
+/// Opens a measured or neural material by its UTF-8 name: "nbrdf:FILE#NAME" or "neural:FILE".
+///
+/// # Safety
+/// `name` is NULL or ends with a zero byte; `out` is NULL or may be written to.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_material_open(name: *const c_char, out: *mut HeadtailHandle) -> HeadtailStatus {
+    call(|| {
+        // SAFETY: guaranteed by the caller.
+        let (name, out) = unsafe { (text("name", name)?, target("out", out)?) };
+        *out = handles::open(Object::Material(Arc::new(FittedMaterial::open(name)?)));
         Ok(())
     })
 }
@@ -220,7 +251,8 @@ pub unsafe extern "C" fn headtail_sampler_sample(
         let sampler = handles::sampler(sampler)?;
         // SAFETY: guaranteed by the caller.
         unsafe {
-            let at = point_list(points, &sampler)?;
+            let mut material = None;
+            let at = point_list(points, sampler.needs_positions, &mut material)?;
             let out = draw_list(&sampler.environment, count, wi, pdf, radiance)?;
             Ok(batch::sample(&*sampler.sampler, &at, numbers(u, seed, count)?, out)?)
         }
@@ -245,7 +277,31 @@ pub unsafe extern "C" fn headtail_sampler_pdf(
         // SAFETY: guaranteed by the caller.
         unsafe {
             let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("pdf", pdf, count)?);
-            Ok(batch::pdf(&*sampler.sampler, &point_list(points, &sampler)?, wi, out)?)
+            let mut material = None;
+            let at = point_list(points, sampler.needs_positions, &mut material)?;
+            Ok(batch::pdf(&*sampler.sampler, &at, wi, out)?)
+        }
+    })
+}
+
+/// Evaluates BRDF times max(0, cosine) of the `count` unit directions `wi` at the points, in 1/sr: `value` receives
+/// three floats per point, linear Rec.709. Surfaces that are not diffuse need `wo`.
+///
+/// # Safety
+/// As for [`headtail_sampler_sample`].
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn headtail_brdf_cosine(
+    points: *const HeadtailPoints,
+    count: usize,
+    wi: *const f32,
+    value: *mut f32,
+) -> HeadtailStatus {
+    call(|| {
+        // SAFETY: guaranteed by the caller.
+        unsafe {
+            let (wi, out) = (list("wi", wi.cast(), count)?, list_mut("value", value.cast(), count)?);
+            let mut material = None;
+            Ok(batch::brdf_cosine(&point_list(points, false, &mut material)?, wi, out)?)
         }
     })
 }
@@ -264,8 +320,9 @@ pub unsafe extern "C" fn headtail_points_prepare(
 ) -> HeadtailStatus {
     call(|| {
         let sampler = handles::sampler(sampler)?;
+        let mut material = None;
         // SAFETY: guaranteed by the caller.
-        let (at, out) = unsafe { (point_list(points, &sampler)?, target("out", out)?) };
+        let (at, out) = unsafe { (point_list(points, sampler.needs_positions, &mut material)?, target("out", out)?) };
         check_count("points", count)?;
         let points = PreparedPoints::new(sampler.sampler.clone(), &at, count)?;
         *out =
@@ -319,7 +376,7 @@ pub unsafe extern "C" fn headtail_points_pdf(
     })
 }
 
-/// Closes an environment, a sampler, or prepared points. Samplers and prepared points keep what they need.
+/// Closes an environment, a sampler, a material, or prepared points. Samplers and prepared points keep what they need.
 #[unsafe(no_mangle)]
 pub extern "C" fn headtail_close(handle: HeadtailHandle) -> HeadtailStatus {
     call(|| handles::close(handle))

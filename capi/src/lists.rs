@@ -3,14 +3,15 @@
 use std::{
     ffi::{CStr, c_char},
     slice,
+    sync::Arc,
 };
 
 use headtail_sampling::{
-    batch::{DrawList, Numbers, PointList, SurfaceList},
+    batch::{DrawList, FittedMaterial, Numbers, PointList, SurfaceList},
     environment::Environment,
 };
 
-use crate::{HeadtailHandle, HeadtailPoints, handles::OpenSampler, status::Failure};
+use crate::{HeadtailHandle, HeadtailPoints, handles, status::Failure};
 
 /// Largest number of elements of a list.
 const MOST: usize = 1 << 40;
@@ -94,43 +95,69 @@ pub unsafe fn draw_list(
     }
 }
 
+/// Returns the lists of points, whose material, if they have one, is kept in `material`.
+///
 /// # Safety
 /// `points` is NULL or points to lists that are NULL or as long as their counts.
-pub unsafe fn point_list<'a>(points: *const HeadtailPoints, sampler: &OpenSampler) -> Result<PointList<'a>, Failure> {
+pub unsafe fn point_list<'a>(
+    points: *const HeadtailPoints,
+    needs_positions: bool,
+    material: &'a mut Option<Arc<FittedMaterial>>,
+) -> Result<PointList<'a>, Failure> {
     // SAFETY: guaranteed by the caller.
     unsafe {
         let [points] = list("points", points, 1)? else { unreachable!("a list of one") };
-        if sampler.needs_positions && points.p.is_null() {
-            return Err(Failure::argument("p: is NULL; the sampler depends on positions".to_owned()));
+        if needs_positions && points.p.is_null() {
+            return Err(Failure::argument("p: is NULL; the sampler depends on positions"));
         }
-        if points.alpha.is_null() && !points.f0.is_null() {
-            return Err(Failure::argument("f0: is of surfaces that have alpha, which is NULL".to_owned()));
-        }
-        let is_of_gltf = !(points.metallic.is_null() && points.base_color.is_null());
-        if is_of_gltf && points.roughness.is_null() {
-            return Err(Failure::argument(
-                "roughness: is NULL; metallic and base_color are of surfaces that have it".to_owned(),
-            ));
-        }
-        let surface = match (points.alpha.is_null(), points.roughness.is_null()) {
-            (true, true) => SurfaceList::Diffuse,
-            (false, true) => SurfaceList::Glossy {
+        Ok(PointList {
+            p: optional("p", points.p.cast(), points.p_count)?.unwrap_or(&[]),
+            n: list("n", points.n.cast(), points.n_count)?,
+            wo: optional("wo", points.wo.cast(), points.wo_count)?.unwrap_or(&[]),
+            surface: surface_list(points, material)?,
+        })
+    }
+}
+
+/// # Safety
+/// Lists are NULL or as long as their counts.
+unsafe fn surface_list<'a>(
+    points: &HeadtailPoints,
+    material: &'a mut Option<Arc<FittedMaterial>>,
+) -> Result<SurfaceList<'a>, Failure> {
+    let [glossy, of_gltf, fitted] = [!points.alpha.is_null(), !points.roughness.is_null(), points.material != 0];
+    let others = [
+        ("f0", points.f0, glossy, "alpha"),
+        ("metallic", points.metallic, of_gltf, "roughness"),
+        ("base_color", points.base_color, of_gltf, "roughness"),
+        ("uv", points.uv, fitted, "material"),
+        ("tangent", points.tangent, fitted, "material"),
+        ("footprint", points.footprint, fitted, "material"),
+    ];
+    if let Some((name, _, _, kind)) = others.into_iter().find(|(_, list, has_kind, _)| !list.is_null() && !has_kind) {
+        return Err(Failure::argument(format!("{name}: is of surfaces that have {kind}")));
+    }
+    // SAFETY: guaranteed by the caller.
+    unsafe {
+        Ok(match (glossy, of_gltf, fitted) {
+            (false, false, false) => SurfaceList::Diffuse,
+            (true, false, false) => SurfaceList::Glossy {
                 alpha: list("alpha", points.alpha, points.alpha_count)?,
                 f0: optional("f0", points.f0, points.f0_count)?.unwrap_or(&[1.0]),
             },
-            (true, false) => SurfaceList::MetallicRoughness {
+            (false, true, false) => SurfaceList::MetallicRoughness {
                 base_color: optional("base_color", points.base_color.cast(), points.base_color_count)?
                     .unwrap_or(&[[1.0; 3]]),
                 metallic: optional("metallic", points.metallic, points.metallic_count)?.unwrap_or(&[0.0]),
                 roughness: list("roughness", points.roughness, points.roughness_count)?,
             },
-            (false, false) => return Err(Failure::argument("roughness: is of other surfaces than alpha".to_owned())),
-        };
-        Ok(PointList {
-            p: optional("p", points.p.cast(), points.p_count)?.unwrap_or(&[]),
-            n: list("n", points.n.cast(), points.n_count)?,
-            wo: optional("wo", points.wo.cast(), points.wo_count)?.unwrap_or(&[]),
-            surface,
+            (false, false, true) => SurfaceList::Fitted {
+                material: material.insert(handles::material(points.material)?),
+                uv: optional("uv", points.uv.cast(), points.uv_count)?.unwrap_or(&[]),
+                tangent: optional("tangent", points.tangent.cast(), points.tangent_count)?.unwrap_or(&[]),
+                footprint: optional("footprint", points.footprint, points.footprint_count)?.unwrap_or(&[]),
+            },
+            _ => return Err(Failure::argument("alpha, roughness and material: are of different surfaces; give one")),
         })
     }
 }

@@ -37,6 +37,8 @@ struct Caller {
     files: Vec<PathBuf>,
     environments: Vec<HeadtailHandle>,
     samplers: Vec<HeadtailHandle>,
+    /// A measured and a neural one.
+    materials: [HeadtailHandle; 2],
     closed: Vec<HeadtailHandle>,
     /// Number of calls that ended with each code.
     ends: [usize; 4],
@@ -198,18 +200,30 @@ impl Caller {
 
     fn draws(&mut self) {
         let sampler = self.handle(true);
-        let lists = [3, 3, 1, 1, 1, 1, 3, 3].map(|width| self.list(width));
+        let mut lists = [3, 3, 1, 1, 1, 1, 3, 3, 2, 4, 1].map(|width| self.list(width));
+        lists[9].iter_mut().skip(3).step_by(4).for_each(|hand| *hand = 1.0_f32.copysign(*hand - 0.5));
         let shared = self.one_in(2);
-        let mut counts = [0; 8].map(|_| if shared { 1 } else { ROOM });
+        let mut counts = [0; 11].map(|_| if shared { 1 } else { ROOM });
         if self.one_in(4) {
-            let place = self.below(8);
+            let place = self.below(11);
             counts[place] = self.count();
         }
+        let mut material =
+            if self.one_in(8) { self.handle(true) } else { self.one_of(&self.materials.clone()).unwrap() };
         let mut starts = lists.each_ref().map(|list| if self.one_in(3) { null() } else { self.start(list) });
         // Mostly one kind of surface.
         if !self.one_in(8) {
-            let others = if self.one_in(2) { 2..3 } else { 4..7 };
-            starts[others].fill(null());
+            let kind = self.below(3);
+            for (own, lists) in [2..4, 4..7, 8..11].into_iter().enumerate() {
+                if own != kind {
+                    starts[lists].fill(null());
+                }
+            }
+            if kind != 2 {
+                material = 0;
+            } else if material == self.materials[0] {
+                starts[8..11].fill(null());
+            }
         }
         let n = if self.one_in(20) { null() } else { lists[0].as_ptr() };
         let at = HeadtailPoints {
@@ -229,6 +243,13 @@ impl Caller {
             base_color_count: counts[6],
             p: starts[7],
             p_count: counts[7],
+            material,
+            uv: starts[8],
+            uv_count: counts[8],
+            tangent: starts[9],
+            tangent_count: counts[9],
+            footprint: starts[10],
+            footprint_count: counts[10],
         };
         let points = if self.one_in(30) { null() } else { &raw const at };
         let (u, given, count, seed) = (self.list(2), self.list(3), self.count(), self.below(1 << 20) as u64);
@@ -236,11 +257,13 @@ impl Caller {
         let mut out = [3, 1, 3].map(|width| vec![UNTOUCHED; (ROOM + 1) * width]);
         let [wi, pdf, radiance] =
             out.each_mut().map(|list| if self.one_in(20) { null_mut() } else { list.as_mut_ptr() });
-        let (evaluates, prepares, mut prepared) = (self.one_in(3), self.one_in(3), 0);
+        let (evaluates, prepares, reflects, mut prepared) = (self.one_in(3), self.one_in(3), self.one_in(6), 0);
         // SAFETY: lists have room for the given counts, or are NULL or misaligned, or claim more than is
         // accepted.
         let status = unsafe {
-            if prepares {
+            if reflects {
+                headtail_brdf_cosine(points, count, given, wi)
+            } else if prepares {
                 // The number of prepared points may differ from that of the next call.
                 let prepared_count = if self.one_in(5) { self.count() } else { count };
                 let status = headtail_points_prepare(sampler, points, prepared_count, &mut prepared);
@@ -277,6 +300,30 @@ impl Caller {
             self.closed.push(handle);
         }
     }
+}
+
+/// Opens a measured and a neural material.
+fn materials(folder: &Path) -> [HeadtailHandle; 2] {
+    use headtail_sampling::brdf::neural::{INPUTS, Network, OUTPUTS, write_networks};
+    let layer = |inputs: usize, outputs: usize| {
+        headtail_sampling::head::Linear::new(
+            "layer",
+            inputs,
+            outputs,
+            &vec![-0.5; inputs * outputs],
+            vec![0.3; outputs],
+        )
+    };
+    let layers = [layer(INPUTS, 2), layer(2, 2), layer(2, OUTPUTS)].map(|layer| layer.unwrap());
+    let measured = folder.join("measured.safetensors");
+    write_networks(&measured, &[("grey".to_owned(), Network::new("grey", layers).unwrap())]).unwrap();
+    let neural = Path::new(env!("CARGO_MANIFEST_DIR")).join("../checkpoints/satin.safetensors");
+    [format!("nbrdf:{}#grey", measured.display()), format!("neural:{}", neural.display())].map(|name| {
+        let (name, mut handle) = (CString::new(name).unwrap(), 0);
+        // SAFETY: the text ends with a zero byte.
+        assert_eq!(unsafe { headtail_material_open(name.as_ptr(), &mut handle) }, HeadtailStatus::Ok);
+        handle
+    })
 }
 
 /// Returns a table's file, truncated and modified copies of it, and a folder.
@@ -317,6 +364,7 @@ fn random_calls_end_with_a_code_and_a_message() {
         files: files(folder.path()),
         environments: Vec::new(),
         samplers: Vec::new(),
+        materials: materials(folder.path()),
         closed: Vec::new(),
         ends: [0; 4],
     };

@@ -92,10 +92,10 @@ fn prepared_points_give_the_same_draws_and_outlive_their_sampler() {
         assert_eq!(headtail_points_prepare(sampler, &at, usize::MAX, &mut none), HeadtailStatus::Invalid);
         let both = HeadtailPoints { alpha: roughness.as_ptr(), alpha_count: 1, ..at };
         assert_eq!(headtail_points_prepare(sampler, &both, 40, &mut none), HeadtailStatus::Invalid);
-        assert_eq!((error().as_str(), none), ("roughness: is of other surfaces than alpha", 0));
+        assert_eq!((error().as_str(), none), ("alpha, roughness and material: are of different surfaces; give one", 0));
         let smooth = HeadtailPoints { metallic: roughness.as_ptr(), metallic_count: 1, ..points(&[UP]) };
         assert_eq!(headtail_points_prepare(sampler, &smooth, 40, &mut none), HeadtailStatus::Invalid);
-        assert!(error().contains("roughness: is NULL"), "{}", error());
+        assert!(error().contains("metallic: is of surfaces that have roughness"), "{}", error());
         let flat = HeadtailPoints { f0: roughness.as_ptr(), f0_count: 1, ..points(&[UP]) };
         assert_eq!(headtail_points_prepare(sampler, &flat, 40, &mut none), HeadtailStatus::Invalid);
         assert!(error().contains("f0: is of surfaces"), "{}", error());
@@ -110,6 +110,57 @@ fn prepared_points_give_the_same_draws_and_outlive_their_sampler() {
     assert!(wi[0] == wi[1] && pdf[0] == pdf[1]);
     assert!(pdf[0].iter().zip(again).all(|(a, b)| *a > 0.0 && (b / a - 1.0).abs() < 1e-2));
     assert_eq!(headtail_close(prepared), HeadtailStatus::Ok);
+}
+
+#[test]
+fn materials_reflect_as_in_the_batch() {
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../checkpoints/satin.safetensors");
+    let name = format!("neural:{}", file.display());
+    let (text, mut material, map) = (CString::new(name.as_str()).unwrap(), 0, environment("studio"));
+    // SAFETY: the text ends with a zero byte.
+    assert_eq!(unsafe { headtail_material_open(text.as_ptr(), &mut material) }, HeadtailStatus::Ok, "{}", error());
+    let (uv, tangent, wo, wi) =
+        ([[0.3_f32, 0.6]], [[1.0_f32, 0.0, 0.0, -1.0]], [[0.6_f32, 0.8, 0.0]], [[0.0_f32, 0.8, 0.6]]);
+    let at = HeadtailPoints {
+        wo: wo.as_ptr().cast(),
+        wo_count: 1,
+        material,
+        uv: uv.as_ptr().cast(),
+        uv_count: 1,
+        tangent: tangent.as_ptr().cast(),
+        tangent_count: 1,
+        ..points(&[UP])
+    };
+    let reflected = |at: &HeadtailPoints| {
+        let mut value = [0.0_f32; 3];
+        // SAFETY: lists have the given lengths.
+        (unsafe { headtail_brdf_cosine(at, 1, wi.as_ptr().cast(), value.as_mut_ptr()) }, value)
+    };
+    let (status, value) = reflected(&at);
+    assert_eq!(status, HeadtailStatus::Ok, "{}", error());
+    for (wrong, reason) in [
+        (HeadtailPoints { material: map, ..at }, "is an environment, not a material"),
+        (HeadtailPoints { material: 0, ..at }, "uv: is of surfaces that have material"),
+        (HeadtailPoints { uv: null(), ..at }, "uv: has 0 rows"),
+    ] {
+        assert_eq!(reflected(&wrong).0, HeadtailStatus::Invalid);
+        assert!(error().contains(reason), "{}, not {reason}", error());
+    }
+    let own = batch::FittedMaterial::open(&name).unwrap();
+    let surface = SurfaceList::Fitted { material: &own, uv: &uv, tangent: &tangent, footprint: &[] };
+    let mut expected = [[0.0_f32; 3]];
+    batch::brdf_cosine(&PointList { p: &[], n: &[UP], wo: &wo, surface }, &wi, &mut expected).unwrap();
+    assert!([value] == expected && value[1] > 0.0, "{value:?} {expected:?}");
+    // Closed materials stay with points that were prepared.
+    let (sampler, mut prepared, mut pdf) = (patches(map), 0, 0.0);
+    // SAFETY: lists have the given lengths.
+    unsafe {
+        assert_eq!(headtail_points_prepare(sampler, &at, 1, &mut prepared), HeadtailStatus::Ok, "{}", error());
+        assert_eq!(headtail_close(material), HeadtailStatus::Ok);
+        assert_eq!(headtail_points_pdf(prepared, 1, wi.as_ptr().cast(), &mut pdf), HeadtailStatus::Ok);
+    }
+    assert!(pdf > 0.0);
+    assert_eq!(reflected(&at).0, HeadtailStatus::Invalid);
 }
 
 #[test]

@@ -15,7 +15,8 @@ use headtail_render::{
     estimator::{Estimator, LearnedVisibility},
     integrator::{Rendering, View, learn_visibility},
     points::PointSet,
-    portals::{Portal, openness},
+    portals::{Portal, Portals, openness},
+    scene::{Camera, Scene},
     spec::SamplerSpec,
 };
 
@@ -198,11 +199,22 @@ fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
     // A sample costs about as much as one of `mis` for each of its directions.
     let affordable = SEARCH_FRACTION * samples_of(view, budget, f64::from(DIRECTIONS), SECONDS_PER_SAMPLE);
     // Without shadow rays all light passes through walls.
-    if view.unshadowed || SEARCH > affordable || openness(scene, camera, STEPS[0]) > OPEN {
+    if view.unshadowed || SEARCH > affordable { None } else { portals_of_room(scene, camera) }
+}
+
+/// Returns the portals of a room, if they need no pilot.
+fn portals_of_room(scene: &Scene, camera: &Camera) -> Option<Vec<Portal>> {
+    if openness(scene, camera, STEPS[0]) > OPEN {
         return None;
     }
-    let found = view.portals().ok()?;
-    (found.coverage(scene, camera, STEPS[1]) >= COVERED).then_some(found.portals)
+    let found = Portals::find(scene, camera).ok()?;
+    need_no_pilot(&found, found.coverage(scene, camera, STEPS[1])).then_some(found.portals)
+}
+
+/// Returns whether portals of this coverage are chosen without a pilot: little light enters the room, all of it through
+/// them.
+pub fn need_no_pilot(found: &Portals, coverage: f32) -> bool {
+    found.openness <= OPEN && coverage >= COVERED
 }
 
 /// Returns the index of the most efficient candidate that missed no light; the first one must be better by
@@ -272,7 +284,7 @@ mod tests {
     use glam::{Vec3, Vec3A};
     use headtail_render::{
         environment::Environment,
-        scene::{Camera, Material, Mesh, Scene},
+        scene::{Material, Mesh},
     };
 
     use super::*;

@@ -53,7 +53,7 @@ mod verification;
 mod view;
 
 pub use artifact::Artifact;
-pub use auto::{Choice, Trial, choose};
+pub use auto::{Choice, Trial, choose, need_no_pilot};
 pub use budget::Budget;
 pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
 pub use engine::{Entry, Plan, Run, Watch, measure};

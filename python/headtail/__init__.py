@@ -8,18 +8,20 @@ from . import _native
 from ._environment import Environment
 from ._native import HeadtailError
 from ._render import Reference, Rendering, Scene, compare, render
-from ._sampler import Draws, PreparedPoints, Sampler, bake
+from ._sampler import Draws, Material, PreparedPoints, Sampler, bake, brdf_cosine
 
 __all__ = [
     "Draws",
     "Environment",
     "HeadtailError",
+    "Material",
     "PreparedPoints",
     "Reference",
     "Rendering",
     "Sampler",
     "Scene",
     "bake",
+    "brdf_cosine",
     "compare",
     "render",
 ]

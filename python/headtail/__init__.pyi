@@ -1,9 +1,10 @@
 from collections.abc import Callable, Sequence
 from os import PathLike
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypedDict
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import Unpack
 
 class _DLPack(Protocol):
     def __dlpack__(self, **settings: Any) -> Any: ...
@@ -37,6 +38,31 @@ class Draws(NamedTuple):
     pdf: _Floats
     radiance: _Floats | None
 
+class Material:
+    def __init__(self, name: str) -> None: ...
+    @property
+    def name(self) -> str: ...
+
+class _Surface(TypedDict, total=False):
+    roughness: _Array | float
+    metallic: _Array | float
+    base_color: _Array
+    material: Material
+    uv: _Array
+    tangent: _Array
+    footprint: _Array | float
+
+def brdf_cosine(
+    wi: _Array,
+    n: _Array,
+    wo: _Array | None = ...,
+    alpha: _Array | float | None = ...,
+    f0: _Array | float | None = ...,
+    *,
+    out: _Array | None = ...,
+    **surface: Unpack[_Surface],
+) -> _Floats: ...
+
 class Sampler:
     def __init__(self, native: Any) -> None: ...
     @classmethod
@@ -58,9 +84,7 @@ class Sampler:
         radiance: bool = ...,
         out: tuple[_Array | None, _Array | None, _Array | None] | None = ...,
         p: _Array | None = ...,
-        roughness: _Array | float | None = ...,
-        metallic: _Array | float | None = ...,
-        base_color: _Array | None = ...,
+        **surface: Unpack[_Surface],
     ) -> Draws: ...
     def pdf(
         self,
@@ -72,9 +96,7 @@ class Sampler:
         *,
         out: _Array | None = ...,
         p: _Array | None = ...,
-        roughness: _Array | float | None = ...,
-        metallic: _Array | float | None = ...,
-        base_color: _Array | None = ...,
+        **surface: Unpack[_Surface],
     ) -> _Floats: ...
     def prepare(
         self,
@@ -85,9 +107,7 @@ class Sampler:
         *,
         count: int | None = ...,
         p: _Array | None = ...,
-        roughness: _Array | float | None = ...,
-        metallic: _Array | float | None = ...,
-        base_color: _Array | None = ...,
+        **surface: Unpack[_Surface],
     ) -> PreparedPoints: ...
     def save(self, path: _Path) -> None: ...
 

@@ -19,6 +19,20 @@ class Draws(NamedTuple):
     radiance: "np.ndarray | None"
 
 
+class Material:
+    """A measured or neural material: "nbrdf:FILE#NAME" or "neural:FILE"."""
+
+    def __init__(self, name):
+        self._native = _native.Material(name)
+
+    @property
+    def name(self):
+        return self._native.name
+
+    def __repr__(self):
+        return f"Material({self.name!r})"
+
+
 class Sampler:
     """Samples directions for batches of shading points. Created by `from_spec`, `open`, `bake` or `fit`."""
 
@@ -44,33 +58,35 @@ class Sampler:
         description = self._native.description()
         return {"name": self._native.name, **(json.loads(description) if description else {})}
 
-    def sample(self, n, wo=None, alpha=None, f0=None, u=None, *, count=None, seed=0, radiance=True, out=None,
-               p=None, roughness=None, metallic=None, base_color=None):
+    def sample(self, n, wo=None, alpha=None, f0=None, u=None, *, count=None, seed=0, radiance=True, out=None, p=None, **surface):
         """Samples a direction per row.
 
         n: unit shading normals [count, 3], or one for all. wo: unit directions to the viewer, by default the normals. Surfaces are diffuse by
         default; alpha: Trowbridge-Reitz widths (and f0 reflectances at normal incidence, 1 by default) of glossy ones; roughness, metallic (0
-        by default) and base_color (white by default): those of glTF. p: positions [count, 3], which samplers with visibility or portals need.
-        u: points of [0, 1)^2; by default random numbers from `seed`. out: (wi, pdf, radiance) to write to, each may be None.
+        by default) and base_color (white by default): those of glTF. material: a `Material` of all rows; if it is neural, uv are texture
+        coordinates [count, 2] (the texture repeats with period 1), tangent [count, 4] directions in which u grows and 1, or -1 where the
+        texture is mirrored, and footprint (0 by default) the standard deviations of pixels' footprints in units of uv. p: positions [count, 3],
+        which samplers with visibility or portals need. u: points of [0, 1)^2; by default random numbers from `seed`. out: (wi, pdf, radiance)
+        to write to, each may be None.
         """
-        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
+        at = _points(n, wo, p, alpha, f0, **surface)
         u = _uniform(u)
         draws = _results(_count(count, *_arrays(at), u), radiance, out, self._native)
         self._native.sample(at, u, _seed(seed), tuple(draws))
         return draws
 
-    def pdf(self, wi, n, wo=None, alpha=None, f0=None, *, out=None, p=None, roughness=None, metallic=None, base_color=None):
-        """Returns the solid-angle pdfs [count] of unit directions under `sample`."""
-        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
+    def pdf(self, wi, n, wo=None, alpha=None, f0=None, *, out=None, p=None, **surface):
+        """Returns the solid-angle pdfs [count] of unit directions under `sample`; arguments as for it."""
+        at = _points(n, wo, p, alpha, f0, **surface)
         wi = rows(wi, "wi", 3)
         count = _count(None, *_arrays(at), wi)
         out = result(out, "pdf", (count,))
         self._native.pdf(at, _for_all(wi, count), out)
         return out
 
-    def prepare(self, n, wo=None, alpha=None, f0=None, *, count=None, p=None, roughness=None, metallic=None, base_color=None):
+    def prepare(self, n, wo=None, alpha=None, f0=None, *, count=None, p=None, **surface):
         """Returns points with which `sample` and `pdf` cost less, as `PreparedPoints`; arguments as for `sample`."""
-        at = _points(n, wo, alpha, f0, p, roughness, metallic, base_color)
+        at = _points(n, wo, p, alpha, f0, **surface)
         return PreparedPoints(self._native.prepare(at, _count(count, *_arrays(at))))
 
     def save(self, path):
@@ -114,28 +130,46 @@ def bake(source, *, normals=(16, 32), cells=(32, 32), tail="hierarchical"):
     return Sampler(_native.Sampler.direct(environment(source)._native, _grid(normals, "normals"), _grid(cells, "cells"), tail))
 
 
-def _points(n, wo, alpha, f0, p, roughness, metallic, base_color):
+def brdf_cosine(wi, n, wo=None, alpha=None, f0=None, *, out=None, **surface):
+    """Returns BRDF times max(0, n . wi) [count, 3], in 1/sr, for unit directions; surfaces as for `Sampler.sample`."""
+    at = _points(n, wo, None, alpha, f0, **surface)
+    wi = rows(wi, "wi", 3)
+    count = _count(None, *_arrays(at), wi)
+    out = result(out, "brdf_cosine", (count, 3))
+    _native.brdf_cosine(at, _for_all(wi, count), out)
+    return out
+
+
+def _points(n, wo, p, alpha, f0, roughness=None, metallic=None, base_color=None, material=None, uv=None, tangent=None, footprint=None):
     """Returns positions, normals, directions to the viewer, and the arrays of surfaces that are not diffuse."""
     n = rows(n, "n", 3)
     wo, p = (None if given is None else rows(given, name, 3) for given, name in ((wo, "wo"), (p, "p")))
-    if alpha is not None and roughness is not None:
-        raise _native.HeadtailError("roughness: is of other surfaces than alpha")
-    if alpha is None and f0 is not None:
-        raise _native.HeadtailError("f0: is for glossy surfaces: give alpha too")
-    if roughness is None and (metallic is not None or base_color is not None):
-        raise _native.HeadtailError("metallic and base_color: are for surfaces of glTF: give roughness too")
+    kinds = {"alpha": alpha, "roughness": roughness, "material": material}
+    given = [name for name, value in kinds.items() if value is not None]
+    if len(given) > 1:
+        raise _native.HeadtailError(f"{' and '.join(given)}: are of different surfaces; give one")
+    others = {"f0": (f0, "alpha"), "metallic": (metallic, "roughness"), "base_color": (base_color, "roughness"),
+              "uv": (uv, "material"), "tangent": (tangent, "material"), "footprint": (footprint, "material")}
+    for name, (value, kind) in others.items():
+        if value is not None and kinds[kind] is None:
+            raise _native.HeadtailError(f"{name}: is of surfaces that have {kind}")
     if alpha is not None:
         return p, n, wo, (numbers(alpha, "alpha"), numbers(1.0 if f0 is None else f0, "f0"))
     if roughness is not None:
         color = rows([1.0, 1.0, 1.0] if base_color is None else base_color, "base_color", 3)
         return p, n, wo, (color, numbers(0.0 if metallic is None else metallic, "metallic"), numbers(roughness, "roughness"))
+    if material is not None:
+        if not isinstance(material, Material):
+            raise TypeError('material: use Material("neural:FILE")')
+        uv, tangent = (None if given is None else rows(given, name, width) for given, name, width in ((uv, "uv", 2), (tangent, "tangent", 4)))
+        return p, n, wo, (material._native, uv, tangent, None if footprint is None else numbers(footprint, "footprint"))
     return p, n, wo, None
 
 
 def _arrays(at):
     """Returns all arrays of points."""
     p, n, wo, surface = at
-    return p, n, wo, *(surface or ())
+    return p, n, wo, *(array for array in surface or () if not isinstance(array, _native.Material))
 
 
 def _uniform(u):

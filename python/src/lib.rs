@@ -9,6 +9,7 @@ mod environment;
 mod error;
 #[cfg(feature = "fit")]
 mod fit;
+mod portals;
 mod render;
 mod sampler;
 
@@ -24,7 +25,8 @@ mod _native {
         compare::compare,
         environment::Environment,
         error::HeadtailError,
+        portals::{find_portals, portal_arrays, read_portals},
         render::{Scene, render},
-        sampler::{Prepared, Sampler},
+        sampler::{Material, Prepared, Sampler, brdf_cosine},
     };
 }

@@ -5,7 +5,7 @@ use std::{path::PathBuf, sync::Arc};
 use headtail_eval::OpenedView;
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
-    batch::{self, DrawList, Numbers, PointList, PreparedPoints, SurfaceList},
+    batch::{self, DrawList, FittedMaterial, Numbers, PointList, PreparedPoints, SurfaceList},
     environment,
     estimator::{Estimator, SingleSample},
     export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
@@ -135,14 +135,7 @@ impl Sampler {
                 "has no form for other devices: use patches, mis-comp or a table",
             )),
         });
-        let result = PyDict::new(py);
-        for FlatArray { name, shape, numbers } in arrays.map_err(of_render)? {
-            match numbers {
-                FlatNumbers::Floats(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
-                FlatNumbers::Integers(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
-            }
-        }
-        Ok(result)
+        dictionary(py, arrays.map_err(of_render)?)
     }
 
     #[getter]
@@ -224,6 +217,46 @@ impl Prepared {
     }
 }
 
+/// Returns named arrays as a dictionary.
+pub fn dictionary(py: Python<'_>, arrays: Vec<FlatArray>) -> PyResult<Bound<'_, PyDict>> {
+    let result = PyDict::new(py);
+    for FlatArray { name, shape, numbers } in arrays {
+        match numbers {
+            FlatNumbers::Floats(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
+            FlatNumbers::Integers(numbers) => result.set_item(name, numbers.into_pyarray(py).reshape(shape)?)?,
+        }
+    }
+    Ok(result)
+}
+
+/// A measured or neural material.
+#[pyclass(frozen, module = "headtail._native")]
+pub struct Material {
+    name: String,
+    material: FittedMaterial,
+}
+
+#[pymethods]
+impl Material {
+    #[new]
+    fn new(py: Python<'_>, name: String) -> PyResult<Self> {
+        let material = py.detach(|| FittedMaterial::open(&name)).map_err(of_render)?;
+        Ok(Self { name, material })
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+/// Evaluates BRDF times cosine.
+#[pyfunction]
+pub fn brdf_cosine(py: Python<'_>, at: Points<'_>, wi: Rows<'_>, mut out: PyReadwriteArray2<'_, f32>) -> PyResult<()> {
+    let (at, wi, out) = (at.list()?, rows(&wi)?, out.as_slice_mut()?.as_chunks_mut().0);
+    py.detach(|| batch::brdf_cosine(&at, wi, out)).map_err(of_render)
+}
+
 /// The arrays of shading points: positions, normals, directions to the viewer, and surfaces.
 #[derive(FromPyObject)]
 pub struct Points<'py>(Option<Rows<'py>>, Rows<'py>, Option<Rows<'py>>, Option<SurfaceArrays<'py>>);
@@ -235,6 +268,32 @@ enum SurfaceArrays<'py> {
     Glossy(List<'py>, List<'py>),
     /// Base colours, metalness, roughness.
     MetallicRoughness(Rows<'py>, List<'py>, List<'py>),
+    /// A material; texture coordinates, tangents and footprints of neural ones.
+    Fitted(Py<Material>, Option<Rows<'py>>, Option<Rows<'py>>, Option<List<'py>>),
+}
+
+impl Points<'_> {
+    fn list(&self) -> PyResult<PointList<'_>> {
+        let Points(p, n, wo, surface) = self;
+        let surface = match surface {
+            None => SurfaceList::Diffuse,
+            Some(SurfaceArrays::Glossy(alpha, f0)) => {
+                SurfaceList::Glossy { alpha: alpha.as_slice()?, f0: f0.as_slice()? }
+            }
+            Some(SurfaceArrays::MetallicRoughness(color, metallic, roughness)) => SurfaceList::MetallicRoughness {
+                base_color: rows(color)?,
+                metallic: metallic.as_slice()?,
+                roughness: roughness.as_slice()?,
+            },
+            Some(SurfaceArrays::Fitted(material, uv, tangent, footprint)) => SurfaceList::Fitted {
+                material: &material.get().material,
+                uv: optional(uv)?,
+                tangent: optional(tangent)?,
+                footprint: footprint.as_ref().map_or(Ok(&[] as &[f32]), |list| list.as_slice())?,
+            },
+        };
+        Ok(PointList { p: optional(p)?, n: rows(n)?, wo: optional(wo)?, surface })
+    }
 }
 
 /// The arrays of draws: directions, pdfs and, if wanted, radiance.
@@ -289,22 +348,11 @@ impl Sampler {
             .ok_or_else(|| refused(format!("{}: has no pdf of its own; it can be rendered and compared", self.name)))
     }
 
-    fn list<'a>(&self, Points(p, n, wo, surface): &'a Points<'_>) -> PyResult<PointList<'a>> {
-        if p.is_none() && self.spec.as_ref().is_some_and(SamplerSpec::needs_positions) {
+    fn list<'a>(&self, at: &'a Points<'_>) -> PyResult<PointList<'a>> {
+        if at.0.is_none() && self.spec.as_ref().is_some_and(SamplerSpec::needs_positions) {
             return Err(refused(format!("p: {} depends on positions", self.name)));
         }
-        let surface = match surface {
-            None => SurfaceList::Diffuse,
-            Some(SurfaceArrays::Glossy(alpha, f0)) => {
-                SurfaceList::Glossy { alpha: alpha.as_slice()?, f0: f0.as_slice()? }
-            }
-            Some(SurfaceArrays::MetallicRoughness(color, metallic, roughness)) => SurfaceList::MetallicRoughness {
-                base_color: rows(color)?,
-                metallic: metallic.as_slice()?,
-                roughness: roughness.as_slice()?,
-            },
-        };
-        Ok(PointList { p: optional(p)?, n: rows(n)?, wo: optional(wo)?, surface })
+        at.list()
     }
 
     /// Returns the estimator for a rendering.
@@ -330,6 +378,6 @@ impl Sampler {
     }
 }
 
-fn optional<'a>(array: &'a Option<Rows<'_>>) -> PyResult<&'a [[f32; 3]]> {
+fn optional<'a, const N: usize>(array: &'a Option<Rows<'_>>) -> PyResult<&'a [[f32; N]]> {
     array.as_ref().map_or(Ok(&[]), rows)
 }

@@ -1,5 +1,6 @@
 """Samplers over batches: their samples, and their input and output arrays."""
 
+import pathlib
 import threading
 import time
 
@@ -56,6 +57,39 @@ def test_prepared_points_give_the_same_draws(patches, surface):
         prepared.pdf(wi[:10])
     with pytest.raises(TypeError, match="use Sampler.prepare"):
         headtail.PreparedPoints(patches)
+
+
+CHECKPOINTS = pathlib.Path(__file__).parents[2] / "checkpoints"
+
+
+def test_neural_materials_are_sampled_and_evaluated(studio):
+    """BRDF samples estimate the albedo that a sum over directions has, and lie where `tangent` says."""
+    satin = headtail.Material(f"neural:{CHECKPOINTS / 'satin.safetensors'}")
+    assert "satin" in repr(satin)
+    n, wo = np.array([0, 1, 0], np.float32), np.array([0.6, 0.8, 0], np.float32)
+    surface = {"material": satin, "uv": [0.3, 0.7], "tangent": [0, 0, 2, 1], "footprint": 0.02}
+    draws = Sampler.from_spec("brdf", studio).sample(n, wo, count=100_000, seed=1, **surface)
+    drawn = draws.pdf > 0
+    values = headtail.brdf_cosine(np.where(drawn[:, None], draws.wi, n), n, wo, **surface)
+    weights = np.where(drawn, values[:, 1] / np.where(drawn, draws.pdf, 1), 0)
+    even = directions(200_000, 3)
+    spread = 4 * np.pi * headtail.brdf_cosine(even, n, wo, **surface)[:, 1]
+    error = np.hypot(weights.std() / np.sqrt(len(weights)), spread.std() / np.sqrt(len(spread)))
+    assert weights.mean() > 0.01 and abs(weights.mean() - spread.mean()) < 5 * error
+    turned = {**surface, "tangent": [1, 0, 0, 1]}
+    assert not np.allclose(headtail.brdf_cosine(even, n, wo, **turned), headtail.brdf_cosine(even, n, wo, **surface), rtol=0.1)
+    with pytest.raises(HeadtailError, match="tangent: has 0 rows"):
+        headtail.brdf_cosine(even, n, wo, material=satin, uv=[0, 0])
+    with pytest.raises(HeadtailError, match="uv: is of surfaces that have material"):
+        headtail.brdf_cosine(even, n, wo, uv=[0, 0])
+    with pytest.raises(HeadtailError, match="alpha and material: are of different"):
+        headtail.brdf_cosine(even, n, wo, alpha=0.3, material=satin)
+    with pytest.raises(HeadtailError, match="wo: is needed"):
+        headtail.brdf_cosine(even, n, alpha=0.3)
+    with pytest.raises(TypeError, match="neural:FILE"):
+        headtail.brdf_cosine(even, n, wo, material="satin")
+    with pytest.raises(HeadtailError, match="neither nbrdf"):
+        headtail.Material("satin")
 
 
 def test_samplers_with_positions_ask_for_them(studio, tmp_path):
@@ -165,9 +199,9 @@ def test_invalid_arguments_raise_with_a_message(patches, studio, tmp_path):
         (lambda: patches.sample(n * np.nan), "not of unit length"),
         (lambda: patches.sample(n, wo=n[:4]), "wo: has 4 rows; 10, or 1 for all"),
         (lambda: patches.sample(n, alpha=0), "alpha: row 0 is 0"),
-        (lambda: patches.sample(n, f0=0.5), "f0: is for glossy surfaces"),
-        (lambda: patches.sample(n, metallic=0.5), "give roughness too"),
-        (lambda: patches.sample(n, alpha=0.5, roughness=0.5), "roughness: is of other surfaces"),
+        (lambda: patches.sample(n, f0=0.5), "f0: is of surfaces that have alpha"),
+        (lambda: patches.sample(n, metallic=0.5), "metallic: is of surfaces that have roughness"),
+        (lambda: patches.sample(n, alpha=0.5, roughness=0.5), "alpha and roughness: are of different surfaces"),
         (lambda: patches.sample(n, roughness=2), "roughness: row 0 is 2"),
         (lambda: patches.sample(n, p=n[:4]), "p: has 4 rows"),
         (lambda: patches.sample(n, p=n * np.inf), "p: row 0 is .* not finite"),

@@ -5,10 +5,9 @@
 use std::sync::Mutex;
 
 use crate::parallel::*;
-use glam::{Vec3, Vec3A};
+use glam::Vec3A;
 
 use crate::{
-    brdf::{BrdfTable, Ggx, Lambert, MetallicRoughness, Surface},
     columns::Arena,
     environment::Environment,
     error::{Error, Result},
@@ -19,36 +18,15 @@ use crate::{
 };
 
 mod prepared;
+mod surfaces;
 
 pub use prepared::PreparedPoints;
+pub use surfaces::{FittedMaterial, SurfaceList};
 
 /// Points per thread and step.
 const TILE: usize = 1024;
 /// Largest deviation of a unit vector's squared length from 1.
 const UNIT_TOLERANCE: f32 = 1e-3;
-
-/// BRDFs of surfaces; lists have one number for all points, or one per point.
-#[derive(Clone, Copy, Debug)]
-pub enum SurfaceList<'a> {
-    /// White diffuse surfaces.
-    Diffuse,
-    /// Trowbridge-Reitz surfaces.
-    Glossy {
-        /// Widths, from [`Ggx::MIN_ALPHA`] to 1.
-        alpha: &'a [f32],
-        /// Reflectances at normal incidence, in `[0, 1]`.
-        f0: &'a [f32],
-    },
-    /// Metallic-roughness surfaces of glTF.
-    MetallicRoughness {
-        /// Base colours per channel, linear Rec.709, in `[0, 1]`.
-        base_color: &'a [[f32; 3]],
-        /// Metalness, in `[0, 1]`.
-        metallic: &'a [f32],
-        /// Roughness, the square root of the width, in `[0, 1]`.
-        roughness: &'a [f32],
-    },
-}
 
 /// Shading points; lists have one entry for all points, or one per point.
 #[derive(Clone, Copy, Debug)]
@@ -128,14 +106,27 @@ fn each_tile<W: Default>(
 pub fn pdf(sampler: &dyn Sampler, at: &PointList<'_>, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
     at.check_lengths(out.len())?;
     check_length("wi", wi.len(), out.len())?;
-    each_tile_of_pdfs(wi, out, |work: &mut Workspace, first, wi, out| work.pdf(sampler, at, first, wi, out))
+    each_tile_of(wi, out, |work: &mut Workspace, first, wi, out| work.pdf(sampler, at, first, wi, out))
+}
+
+/// Evaluates `f_r(wo, wi) max(0, n . wi)` per channel, in 1/sr, for unit directions, one per shading point.
+///
+/// # Errors
+/// As [`sample`], and [`Error::Argument`] if surfaces that are not diffuse have no directions to the viewer.
+pub fn brdf_cosine(at: &PointList<'_>, wi: &[[f32; 3]], out: &mut [[f32; 3]]) -> Result<()> {
+    at.check_lengths(out.len())?;
+    check_length("wi", wi.len(), out.len())?;
+    if at.wo.is_empty() && !matches!(at.surface, SurfaceList::Diffuse) {
+        return Err(Error::argument("wo", "is needed: these surfaces reflect differently to each viewer"));
+    }
+    each_tile_of(wi, out, |work: &mut Workspace, first, wi, out| work.brdf_cosine(at, first, wi, out))
 }
 
 /// Calls `work` with the first point of each tile, and its parts of `wi` and `out`, which have the same length.
-fn each_tile_of_pdfs<W: Default>(
+fn each_tile_of<W: Default, T: Send>(
     wi: &[[f32; 3]],
-    out: &mut [f32],
-    work: impl Fn(&mut W, usize, &[[f32; 3]], &mut [f32]) -> Result<()> + Sync,
+    out: &mut [T],
+    work: impl Fn(&mut W, usize, &[[f32; 3]], &mut [T]) -> Result<()> + Sync,
 ) -> Result<()> {
     let first_error = Mutex::new(None);
     let parts = out.par_chunks_mut(TILE).zip(wi.par_chunks(TILE)).enumerate();
@@ -222,47 +213,16 @@ impl PointList<'_> {
                 check_shared_length(name, list.len(), count)?;
             }
         }
-        match self.surface {
-            SurfaceList::Diffuse => {}
-            SurfaceList::Glossy { alpha, f0 } => {
-                check_shared_length("alpha", alpha.len(), count)?;
-                check_shared_length("f0", f0.len(), count)?;
-            }
-            SurfaceList::MetallicRoughness { base_color, metallic, roughness } => {
-                check_shared_length("base_color", base_color.len(), count)?;
-                check_shared_length("metallic", metallic.len(), count)?;
-                check_shared_length("roughness", roughness.len(), count)?;
-            }
-        }
-        Ok(())
+        self.surface.check_lengths(count)
     }
 
     /// Fills a tile with `count` points from `first` on.
     fn fill(&self, tile: &mut Tile, first: usize, count: usize) -> Result<()> {
-        tile.clear(&BrdfTable::default());
+        tile.clear(&self.surface.brdfs());
         for place in first..first + count {
             tile.push(&self.point(place)?, place as u32);
         }
         Ok(())
-    }
-
-    fn surface(&self, place: usize) -> Result<Surface> {
-        Ok(match self.surface {
-            SurfaceList::Diffuse => Lambert { albedo: Vec3::ONE }.into(),
-            SurfaceList::Glossy { alpha, f0 } => {
-                let alpha = check_range("alpha", place, entry(alpha, place), Ggx::MIN_ALPHA)?;
-                Ggx::new(alpha, Vec3::splat(check_range("f0", place, entry(f0, place), 0.0)?)).into()
-            }
-            SurfaceList::MetallicRoughness { base_color, metallic, roughness } => {
-                let color = entry(base_color, place);
-                for channel in color {
-                    check_range("base_color", place, channel, 0.0)?;
-                }
-                let metallic = check_range("metallic", place, entry(metallic, place), 0.0)?;
-                let roughness = check_range("roughness", place, entry(roughness, place), 0.0)?;
-                MetallicRoughness::new(Vec3::from_array(color), metallic, roughness).into()
-            }
-        })
     }
 
     fn point(&self, place: usize) -> Result<ShadingPoint> {
@@ -277,8 +237,9 @@ impl PointList<'_> {
                 format!("row {place} is ({}, {}, {}), which is not finite", p[0], p[1], p[2]),
             ));
         }
+        let surface = self.surface.surface(place, [n, wo])?;
         let [p, n, wo] = [p, n, wo].map(Vec3A::from_array);
-        Ok(ShadingPoint { p, ng: n, ns: n, wo, surface: self.surface(place)? })
+        Ok(ShadingPoint { p, ng: n, ns: n, wo, surface })
     }
 }
 
@@ -314,6 +275,20 @@ impl Workspace {
         at.fill(&mut self.tile, first, out.len())?;
         let (rows, arena) = (self.tile.rows(), &self.arena);
         sampler::prepared(sampler, &rows, arena, |state| evaluate(sampler, &rows, state, (first, wi), out, arena))
+    }
+
+    fn brdf_cosine(&mut self, at: &PointList<'_>, first: usize, wi: &[[f32; 3]], out: &mut [[f32; 3]]) -> Result<()> {
+        at.fill(&mut self.tile, first, out.len())?;
+        let (rows, arena) = (self.tile.rows(), &self.arena);
+        let mut columns = arena.columns::<6>(rows.strips());
+        let [x, y, z, red, green, blue] = columns.get_mut();
+        to_columns(first, wi, [x, y, z])?;
+        rows.brdf_cosine([x, y, z], [red, green, blue], arena);
+        let [red, green, blue] = [red, green, blue].map(|column| column.as_flattened());
+        for (k, out) in out.iter_mut().enumerate() {
+            *out = [red[k], green[k], blue[k]];
+        }
+        Ok(())
     }
 }
 
@@ -374,12 +349,18 @@ fn evaluate(
 ) -> Result<()> {
     let mut columns = arena.columns::<4>(rows.strips());
     let [x, y, z, pdf] = columns.get_mut();
+    to_columns(first, wi, [x, y, z])?;
+    sampler.pdf(rows, state, [x, y, z], pdf, arena);
+    out.copy_from_slice(&pdf.as_flattened()[..out.len()]);
+    Ok(())
+}
+
+/// Converts unit directions, the first of which has the index `first` in the list, to columns.
+fn to_columns(first: usize, wi: &[[f32; 3]], [x, y, z]: [&mut [Lanes]; 3]) -> Result<()> {
     for (k, w) in wi.iter().enumerate() {
         check_unit("wi", first + k, *w)?;
         (x.as_flattened_mut()[k], y.as_flattened_mut()[k], z.as_flattened_mut()[k]) = (w[0], w[1], w[2]);
     }
-    sampler.pdf(rows, state, [x, y, z], pdf, arena);
-    out.copy_from_slice(&pdf.as_flattened()[..out.len()]);
     Ok(())
 }
 

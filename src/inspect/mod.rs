@@ -22,13 +22,13 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
-    brdf::{BrdfTable, Ggx, Lambert, MAX_PARAMETERS, NeuralTexture, Surface},
+    brdf::{BrdfTable, Ggx, Lambert, MAX_PARAMETERS, NeuralTexture, Surface, neural::open_measured},
     color::luminance,
     export::{ExportedSampler, Intermediate},
     file,
     head::Condition,
     latlong,
-    scene::{MaterialSpec, open_measured},
+    scene::MaterialSpec,
     tail::TailWarp,
     tile::ShadingPoint,
 };

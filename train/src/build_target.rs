@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use headtail_render::{
-    brdf::NeuralTexture,
-    scene::{MaterialSpec, open_measured},
+    brdf::{NeuralTexture, neural::open_measured},
+    scene::MaterialSpec,
     tail::Tail,
 };
 

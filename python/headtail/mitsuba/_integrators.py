@@ -8,11 +8,17 @@ from headtail import HeadtailError
 from ._emitters import Emitters, attached
 from ._light import Light, State
 from ._pilot import choose
+from ._rooms import FOUND, find_portals, is_portals, portals_for_auto, portals_of_file
 
 SAMPLERS = ("auto", "table", "patches", "patches:fine", "mis2-comp")
 # What `auto` chooses from, and the time of a sample of each on diffuse and on other surfaces, relative to one another.
 CHOICES = {"patches": (1.4, 2.2), "mis2-comp": (1.0, 1.0)}
 MOST_SAMPLES = 64
+
+
+def cost_of_portals(count):
+    """Returns the time of a sample through portals, as those of CHOICES."""
+    return 1.2 + 0.2 * count
 
 
 def has_media(scene):
@@ -29,19 +35,49 @@ def make():
             self.file = str(props.get("file", ""))
             self.spec = str(props.get("sampler", "auto"))
             self.hide_emitters = bool(props.get("hide_emitters", False))
-            if self.spec not in SAMPLERS:
-                raise HeadtailError(f"sampler '{self.spec}': is not one of {', '.join(SAMPLERS)}")
+            if self.spec not in SAMPLERS and not is_portals(self.spec):
+                raise HeadtailError(f"sampler '{self.spec}': is not one of {', '.join(SAMPLERS)}, {FOUND}, {FOUND}:FILE")
             self._light, self._state, self._emitters = None, None, None
-            self.chosen, self.chosen_for = "patches", None
+            # What `auto` has chosen, and the portals that were found, for a scene.
+            self.chosen, self.portals, self.chosen_for = "patches", None, None
             self._volumes, self._loop = None, None
 
         def lights(self, scene):
             """Returns the scene's environment, rebuilt for another scene, map or orientation, and its other
             emitters. Mitsuba does not notify integrators of changed emitters."""
             if self._light is None or not self._state.is_of(State(scene)):
-                spec = self.chosen if self.spec == "auto" else self.spec
-                self.keep(scene, Light(scene, self.file, spec))
+                # Inside another integrator, the view is not known.
+                if self.spec == FOUND and self.chosen_for is not scene:
+                    self.open_view(scene, scene.sensors()[0])
+                self.keep(scene, self.light_of(scene, self.chosen if self.spec == "auto" else self.spec))
             return self._light, self._emitters
+
+        def light_of(self, scene, spec):
+            """Returns a scene's environment with the sampler of a specification."""
+            if self.file or not is_portals(spec):
+                return Light(scene, self.file, spec)
+            return Light(scene, "", spec, self.portals if spec == FOUND else portals_of_file(spec))
+
+        def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
+            if self.spec in ("auto", FOUND) and not self.file and self.chosen_for is not scene:
+                self.open_view(scene, scene.sensors()[sensor] if isinstance(sensor, int) else sensor)
+            return super().render(scene, sensor, seed, spp, develop, evaluate)
+
+        def open_view(self, scene, sensor):
+            """Finds portals, or chooses the sampler of `auto`, for a view."""
+            self.chosen, self.portals, self.chosen_for = "patches", None, scene
+            if has_media(scene):
+                return
+            if self.spec == FOUND:
+                self.portals = find_portals(scene, sensor)
+                return
+            self.portals, need_no_pilot = portals_for_auto(scene, sensor)
+            self.chosen = FOUND if need_no_pilot else self.choice(scene, sensor)
+            mi.Log(mi.LogLevel.Info, f"{self.to_string()}: {self.chosen}")
+
+        def choice(self, scene, sensor):
+            """Returns the name of the sampler for a view."""
+            return "patches"
 
         def keep(self, scene, light):
             """Keeps a scene's environment for `lights`."""
@@ -90,28 +126,18 @@ def make():
         def depths(self):
             return {"max_depth": 2}
 
-        def render(self, scene, sensor=0, seed=0, spp=0, develop=True, evaluate=True):
-            if self.spec == "auto" and not self.file and self.chosen_for is not scene:
-                self.chosen, self.chosen_for = self.choice(scene, sensor), scene
-            return super().render(scene, sensor, seed, spp, develop, evaluate)
-
         def choice(self, scene, sensor):
-            """Returns the name of the sampler of CHOICES for a view, and keeps its environment."""
-            names = list(CHOICES)
-            if has_media(scene):
-                return names[0]
-            sensor = scene.sensors()[sensor] if isinstance(sensor, int) else sensor
-            lights = [Light(scene, "", name) for name in names]
+            """Returns the name of the sampler of CHOICES for a view, or of portals, and keeps its environment."""
+            names = [*CHOICES, FOUND] if self.portals else list(CHOICES)
+            lights = [self.light_of(scene, name) for name in names]
             if lights[0].product is None:
                 self.keep(scene, lights[0])
                 return names[0]
-            are_diffuse = lights[0].surfaces.are_diffuse
-            costs = [CHOICES[name][0 if are_diffuse else 1] for name in names]
+            kind = 0 if lights[0].surfaces.are_diffuse else 1
+            costs = [cost_of_portals(len(self.portals)) if name == FOUND else CHOICES[name][kind] for name in names]
             index = choose(lights, costs, scene, sensor)
-            name = names[index]
             self.keep(scene, lights[index])
-            mi.Log(mi.LogLevel.Info, f"{self.to_string()}: {name}, by a pilot")
-            return name
+            return names[index]
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             if volumes := self.volumes(scene, medium):

@@ -5,12 +5,13 @@ import mitsuba as mi
 import numpy as np
 
 import headtail
-from headtail import HeadtailError
+from headtail import HeadtailError, _native
 
 from ._emitters import attached
 from ._head import HeadOverPatches, HeadOverTail
 from ._pairs import Pairs
 from ._patches import Patches, Point
+from ._portals import Portals
 from ._surface import Surfaces
 from ._table import Table
 from ._warp import remap
@@ -73,7 +74,23 @@ def product_of(arrays, loops=None):
         return (HeadOverPatches if "patches.clusters" in arrays else HeadOverTail)(arrays, loops)
     if "table.along" in arrays:
         return Table(arrays)
+    if "portals.sums" in arrays:
+        return Portals(arrays)
     return (Patches if "patches.clusters" in arrays else Pairs)(arrays)
+
+
+def arrays_of(map, file, spec, portals, to_map):
+    """Returns the arrays of the sampler of a file, of portals, or of a specification; `to_map` rotates the scene into the map's
+    frame."""
+    if portals is not None:
+        return _native.portal_arrays(portals, map._native, [[float(number) for number in row] for row in to_map])
+    if file:
+        sampler = headtail.Sampler.open(file, map)
+    elif spec == "table":
+        sampler = headtail.bake(map)
+    else:
+        sampler = headtail.Sampler.from_spec("mis-comp" if spec == "mis2-comp" else spec, map)
+    return sampler._native.arrays()
 
 
 class Light:
@@ -82,7 +99,7 @@ class Light:
     Directions and pdfs are detached: they do not carry derivatives, while BSDFs, cosines and radiance do.
     """
 
-    def __init__(self, scene, file, spec):
+    def __init__(self, scene, file, spec, portals=None):
         environment = scene.environment()
         if environment is None:
             raise HeadtailError("scene: has no environment map to sample; use Mitsuba's own integrators")
@@ -96,13 +113,7 @@ class Light:
         if map is None:
             self.product = None
             return
-        if file:
-            sampler = headtail.Sampler.open(file, map)
-        elif spec == "table":
-            sampler = headtail.bake(map)
-        else:
-            sampler = headtail.Sampler.from_spec("mis-comp" if spec == "mis2-comp" else spec, map)
-        self.product = product_of(sampler._native.arrays())
+        self.product = product_of(arrays_of(map, file, spec, portals, axes.T))
 
     def radiance(self, ray, wi, active):
         """Returns the radiance from a direction in world space."""
@@ -119,7 +130,10 @@ class Light:
         is_patches = isinstance(self.product, Patches)
         sees_lobes = not self.surfaces.are_diffuse if is_patches else self.product.sees_lobes
         *lobes, can_draw = self.lobes(bsdf, si, active) if sees_lobes else (None, active)
-        prepared = self.product.prepare(Point(n, wo, lobes if sees_lobes else None))
+        point = Point(n, wo, lobes if sees_lobes else None)
+        if isinstance(self.product, Portals):
+            point.p = self.to_map @ mi.Vector3f(dr.detach(si.p))
+        prepared = self.product.prepare(point)
         if self.surfaces.are_diffuse or not (is_patches or self.product.has_mixture_weight):
             return prepared, None
         mixture_weight = prepared.mixture_weight if is_patches else self.product.mixture_weight(prepared)

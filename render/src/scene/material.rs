@@ -4,13 +4,8 @@ use std::{f32::consts::TAU, sync::Arc};
 
 use glam::{Vec2, Vec3A};
 
-use super::{
-    Bounds,
-    neural::{NeuralMaterial, TangentView},
-    normal_map::NormalMap,
-    texture::Texture,
-};
-use crate::brdf::{Ggx, Lambert, MAX_PARAMETERS, MetallicRoughness, Surface};
+use super::{Bounds, neural::NeuralMaterial, normal_map::NormalMap, texture::Texture};
+use crate::brdf::{Ggx, Lambert, MAX_PARAMETERS, MetallicRoughness, Surface, neural_texture::Seen};
 
 /// A surface material.
 #[derive(Clone, Debug)]
@@ -45,8 +40,8 @@ pub struct SurfacePoint {
     pub emission_uv: Option<Vec2>,
     /// Interpolated vertex colour, linear Rec.709, which multiplies the base colour.
     pub vertex_color: Option<Vec3A>,
-    /// View in the tangent frame; only neural materials use it.
-    pub view: TangentView,
+    /// View in the tangent frame, without texture coordinates; only neural materials use it.
+    pub view: Seen,
 }
 
 impl Material {

@@ -6,9 +6,12 @@ use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
 use glam::Vec3A;
 use serde::{Deserialize, Serialize};
 
-use super::{AlphaField, Bounds, Material, Scene, measured, neural::NeuralSpec};
+use super::{AlphaField, Bounds, Material, Scene, neural::NeuralSpec};
 use crate::{
-    brdf::{Brdf, Ggx},
+    brdf::{
+        Brdf, Ggx,
+        neural::{open_measured, parse_measured},
+    },
     error::{Error, Result},
     path_text::text_of,
 };
@@ -92,7 +95,7 @@ impl MaterialSpec {
                 scene.with_material(Material::Ggx { alpha, f0: Vec3A::splat(*f0) })
             }
             Self::Measured { file, names } => {
-                let own = measured::open_measured(file, names)?;
+                let own = open_measured(file, names)?;
                 scene.with_brdfs(own.into_iter().map(|brdf| -> Arc<dyn Brdf> { brdf }).collect())
             }
             Self::Neural(spec) => spec.dress(scene)?,
@@ -107,7 +110,7 @@ impl FromStr for MaterialSpec {
         let wrong = |reason: String| Error::argument(format!("material '{text}'"), reason);
         let (name, settings) = text.split_once(':').unwrap_or((text, ""));
         if name == "nbrdf" {
-            let (file, names) = measured::parse(settings).map_err(wrong)?;
+            let (file, names) = parse_measured(settings).map_err(wrong)?;
             return Ok(Self::Measured { file, names });
         }
         if name == "neural" {

@@ -8,7 +8,7 @@
 //! | `mesh.rs`, `ground.rs` | triangles; the ground plane |
 //! | `parts.rs` | moving scenes, dividing them by mesh names and joining them |
 //! | `material.rs`, `material_spec.rs` | materials of surfaces; `--material` |
-//! | `measured.rs`, `neural.rs` | measured and neural materials in scenes |
+//! | `neural.rs`, `footprint.rs` | neural materials in scenes; pixels on their textures |
 //! | `texture.rs`, `normal_map.rs` | textures; shading normals from a texture |
 //! | `camera.rs`, `ray.rs` | cameras; rays, hits and bounds |
 //! | `faces.rs` | the triangles that rays can hit |
@@ -26,6 +26,7 @@ mod context;
 mod copies;
 mod faces;
 mod flat_face;
+mod footprint;
 mod fspy;
 mod gltf;
 mod ground;
@@ -33,7 +34,6 @@ mod hash;
 mod mask;
 mod material;
 mod material_spec;
-mod measured;
 mod mesh;
 mod neural;
 mod normal_map;
@@ -51,9 +51,8 @@ pub use fspy::{FspyProject, UpAxis};
 pub use gltf::LoadOptions;
 pub use material::{AlphaField, Material, SurfacePoint, TexturedMetallicRoughness};
 pub use material_spec::{AlphaRange, MaterialSpec};
-pub use measured::open_measured;
 pub use mesh::{MAX_COORDINATE, Mesh};
-pub use neural::{NeuralMaterial, NeuralSpec, TangentView};
+pub use neural::{NeuralMaterial, NeuralSpec};
 pub use normal_map::{NormalMap, TangentSpace};
 pub(crate) use ray::RayKind;
 pub use ray::{Bounds, Hit, Ray};
@@ -63,7 +62,7 @@ use glam::{Vec2, Vec3, Vec3A};
 
 use self::faces::{Face, Faces};
 use crate::{
-    brdf::{BrdfTable, tabulate_lobe_albedo},
+    brdf::{BrdfTable, neural_texture::Seen, tabulate_lobe_albedo},
     error::{Error, Result},
     remark::Remark,
     tile::{ShadingPoint, Tile},
@@ -367,9 +366,9 @@ impl Scene {
         let view = match material {
             Material::Neural(_) if color_uv.is_some() => {
                 let uv = vertices.map(|i| mesh.texcoords[i]);
-                TangentView::new(corners, uv, ns, wo, spread * hit.t)
+                footprint::seen(corners, uv, ns, wo, spread * hit.t)
             }
-            _ => TangentView::default(),
+            _ => Seen::default(),
         };
         let vertex_color =
             (!mesh.colors.is_empty()).then(|| (0..3).map(|k| weights[k] * Vec3A::from(mesh.colors[vertices[k]])).sum());

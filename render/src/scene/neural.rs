@@ -1,15 +1,11 @@
-//! Neural materials on surfaces: `neural:FILE[,repeat=N][,on=NAME]`, tangent frames, and pixel footprints on
-//! textures.
+//! Neural materials on surfaces: `neural:FILE[,repeat=N][,on=NAME]`.
 
 use std::{fmt, path::PathBuf, str::FromStr, sync::Arc};
-
-use glam::{Vec2, Vec3, Vec3A};
 
 use super::{Material, Scene, SurfacePoint};
 use crate::{
     brdf::{NeuralTexture, Surface, neural_texture::Seen},
     error::{Error, Result},
-    frame::Frame,
     path_text::{path_of, text_of},
 };
 
@@ -32,62 +28,14 @@ pub struct NeuralMaterial {
 impl NeuralMaterial {
     /// Returns the BRDF at a point.
     pub(super) fn at(&self, at: &SurfacePoint) -> Surface {
-        let TangentView { wo, width, tangent } = at.view;
         let uv = self.repeat * at.color_uv.unwrap_or_default();
-        let seen = Seen { uv, width: self.repeat * width, wo, tangent };
+        let seen = Seen { uv, width: self.repeat * at.view.width, ..at.view };
         Surface { brdf: self.brdf, parameters: self.texture.parameters(&seen) }
     }
 
     /// Returns the material with its table index increased by `later`.
     pub(super) fn renumbered(&self, later: u32) -> Self {
         Self { brdf: self.brdf + later, ..self.clone() }
-    }
-}
-
-/// A point of a surface in its tangent frame: x along growing u, y along growing v, z along the shading normal.
-#[derive(Clone, Copy, Debug)]
-pub struct TangentView {
-    /// Direction to the viewer.
-    pub wo: Vec3,
-    /// Standard deviation of a pixel's footprint, in units of the texture coordinates.
-    pub width: f32,
-    /// See [`Seen::tangent`].
-    pub tangent: [f32; 3],
-}
-
-impl Default for TangentView {
-    fn default() -> Self {
-        Self { wo: Vec3::Z, width: 0.0, tangent: [1.0, 0.0, 1.0] }
-    }
-}
-
-impl TangentView {
-    /// Returns the view of a triangle with coordinates `uv`, where the shading normal is `n`, by a pixel that
-    /// is `pixel` metres wide at that distance.
-    ///
-    /// Coordinates that do not span the triangle give an arbitrary tangent and the finest detail. The
-    /// footprint is assumed to be round: its variance is that of a square pixel, enlarged by the obliquity
-    /// (one over the cosine, in area).
-    pub(super) fn new(corners: [Vec3; 3], uv: [Vec2; 3], n: Vec3A, wo: Vec3A, pixel: f32) -> Self {
-        let (n, wo) = (Vec3::from(n), Vec3::from(wo));
-        let [a, b] = [corners[1] - corners[0], corners[2] - corners[0]];
-        let [s, t] = [uv[1] - uv[0], uv[2] - uv[0]];
-        let area = s.perp_dot(t);
-        // Cramer's rule without the determinant's magnitude: only its sign affects directions.
-        let along_u = area.signum() * (a * t.y - b * s.y);
-        let along_v = area.signum() * (b * s.x - a * t.x);
-        let frame = Frame::from_normal(n);
-        let tangent = along_u.reject_from_normalized(n).try_normalize().unwrap_or(frame.s);
-        let across = n.cross(tangent);
-        let hand = 1.0_f32.copysign(across.dot(along_v));
-        let cos_o = n.dot(wo);
-        let per_metre = (area.abs() / a.cross(b).length()).sqrt();
-        let width = pixel * per_metre / (12.0 * cos_o.max(1e-2)).sqrt();
-        Self {
-            wo: Vec3::new(wo.dot(tangent), hand * wo.dot(across), cos_o),
-            width: if width.is_finite() { width } else { 0.0 },
-            tangent: [tangent.dot(frame.s), tangent.dot(frame.t), hand],
-        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{DrawList, Numbers, PointList, TILE, check_length, draw, each_tile, each_tile_of_pdfs, evaluate};
+use super::{DrawList, Numbers, PointList, TILE, check_length, draw, each_tile, each_tile_of, evaluate};
 use crate::{
     columns::Arena,
     error::Result,
@@ -73,7 +73,7 @@ impl PreparedPoints {
     pub fn pdf(&self, wi: &[[f32; 3]], out: &mut [f32]) -> Result<()> {
         check_length("pdf", out.len(), self.count)?;
         check_length("wi", wi.len(), self.count)?;
-        each_tile_of_pdfs(wi, out, |arena: &mut Arena, first, wi, out| {
+        each_tile_of(wi, out, |arena: &mut Arena, first, wi, out| {
             let (tile, state) = &self.tiles[first / TILE];
             evaluate(&*self.sampler, &tile.rows(), state, (first, wi), out, arena)
         })

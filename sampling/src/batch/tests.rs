@@ -1,9 +1,14 @@
 use std::sync::Arc;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 use super::*;
 use crate::{
+    brdf::{
+        BrdfTable, Surface,
+        neural_texture::{Seen, tests::random_material},
+    },
+    one_point::OnePoint,
     random::{Purpose, Stream},
     sampler::AtPoint,
     spec::SamplerSpec,
@@ -123,5 +128,89 @@ fn errors_name_the_first_invalid_row() {
         let mut u = u.clone();
         u[1100][1] = number;
         assert!(refused(&good, &[0.3], &u, count).contains("u: row 1100 is (0.5,"), "{number}");
+    }
+}
+
+#[test]
+fn neural_materials_are_those_of_single_points() {
+    let (_, sampler) = patches();
+    let texture = Arc::new(random_material(1, 8));
+    let material = FittedMaterial::neural(texture.clone());
+    let (table, brdf) = BrdfTable::default().with(texture.clone());
+    let count = 200;
+    let (n, wi, along) = (directions(count, 1), directions(count, 2), directions(count, 3));
+    let above = |place: usize, w: [f32; 3]| {
+        let [n, w] = [n[place], w].map(Vec3::from);
+        (w + 1.01 * n).normalize().to_array()
+    };
+    let wo: Vec<[f32; 3]> = directions(count, 4).iter().enumerate().map(|(k, &w)| above(k, w)).collect();
+    let hand = |place: usize| if place % 2 == 0 { 1.0 } else { -1.0 };
+    let tangent: Vec<[f32; 4]> =
+        along.iter().enumerate().map(|(k, [x, y, z])| [3.0 * x, 3.0 * y, 3.0 * z, hand(k)]).collect();
+    let uv: Vec<[f32; 2]> = along.iter().map(|[x, y, _]| [5.0 * x, 5.0 * y]).collect();
+    let surface = SurfaceList::Fitted { material: &material, uv: &uv, tangent: &tangent, footprint: &[0.1] };
+    let at = PointList { p: &[], n: &n, wo: &wo, surface };
+    let mut values = vec![[0.0; 3]; count];
+    brdf_cosine(&at, &wi, &mut values).unwrap();
+    let (mut drawn, mut pdfs) = (vec![[0.0; 3]; count], vec![0.0; count]);
+    let out = DrawList { wi: &mut drawn, pdf: &mut pdfs, radiance: None };
+    sample(&*sampler, &at, Numbers::Seed(3), out).unwrap();
+    assert!(pdfs.iter().filter(|&&pdf| pdf > 0.0).count() > count / 2);
+    let mut lit = 0;
+    for place in 0..count {
+        // The tangent frame by Gram and Schmidt, with v along the second axis.
+        let [normal, view, u] = [n[place], wo[place], along[place]].map(Vec3::from);
+        let s = (u - normal * normal.dot(u)).normalize();
+        let t = hand(place) * normal.cross(s);
+        let frame = crate::frame::Frame::from_normal(normal);
+        let seen = Seen {
+            uv: uv[place].into(),
+            width: 0.1,
+            wo: Vec3::new(view.dot(s), view.dot(t), view.dot(normal)),
+            tangent: [s.dot(frame.s), s.dot(frame.t), hand(place)],
+        };
+        let own = Surface { brdf, parameters: texture.parameters(&seen) };
+        let point = ShadingPoint { surface: own, ..at.point(place).unwrap() };
+        let value = OnePoint::of_table(&point, 1, &table).brdf_cosines(&[wi[place].into()])[0];
+        let near = (value - Vec3A::from(values[place])).abs().max_element() <= 1e-3 * value.max_element();
+        assert!(near, "{place}: {value} {:?}", values[place]);
+        lit += usize::from(value.y > 0.0);
+    }
+    assert!(lit > count / 4);
+}
+
+#[test]
+fn errors_of_neural_materials_name_what_is_wrong() {
+    let material = FittedMaterial::neural(Arc::new(random_material(2, 8)));
+    let (up, right) = ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 1.0]);
+    let refused = |wo: &[[f32; 3]], uv: &[[f32; 2]], tangent: &[[f32; 4]], footprint: &[f32]| {
+        let surface = SurfaceList::Fitted { material: &material, uv, tangent, footprint };
+        let at = PointList { p: &[], n: &[up], wo, surface };
+        brdf_cosine(&at, &[up; 2], &mut [[0.0; 3]; 2]).map_err(|error| error.to_string())
+    };
+    assert_eq!(refused(&[up], &[[0.0; 2]], &[right], &[]), Ok(()));
+    // What is far away, or does not span the surface, is valid.
+    assert_eq!(refused(&[up], &[[1e38; 2]], &[[0.0, 1e38, 0.0, -1.0]], &[1e38]), Ok(()));
+    let cases: [(&[[f32; 3]], &[[f32; 2]], &[[f32; 4]], &[f32], &str); 7] = [
+        (&[], &[[0.0; 2]], &[right], &[], "wo: is needed"),
+        (&[up], &[], &[right], &[], "uv: has 0 rows"),
+        (&[up], &[[0.0; 2]], &[], &[], "tangent: has 0 rows"),
+        (&[up], &[[0.0; 2]], &[right; 3], &[], "tangent: has 3 rows"),
+        (&[up], &[[0.0, f32::NAN]], &[right], &[], "uv: row 0 is (0, NaN)"),
+        (&[up], &[[0.0; 2]], &[[1.0, 0.0, 0.0, 0.5]], &[], "tangent: row 0 is (1, 0, 0, 0.5)"),
+        (&[up], &[[0.0; 2]], &[right], &[-1.0], "footprint: row 0 is -1"),
+    ];
+    for (wo, uv, tangent, footprint, reason) in cases {
+        let error = refused(wo, uv, tangent, footprint).unwrap_err();
+        assert!(error.contains(reason), "{error}, not {reason}");
+    }
+    for (name, reason) in [
+        ("lambert", "is neither nbrdf:FILE#NAME nor neural:FILE"),
+        ("neural:", "is neither"),
+        ("nbrdf:#a", "name a file"),
+        ("neural:missing.safetensors", "missing.safetensors"),
+    ] {
+        let error = FittedMaterial::open(name).unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}, not {reason}");
     }
 }

@@ -78,6 +78,11 @@ impl PortalImage {
         sums
     }
 
+    /// Returns the sums, row by row.
+    pub fn sums(&self) -> &[u32] {
+        &self.sums
+    }
+
     /// Returns the place of a tangent, in pixels.
     #[inline(always)]
     pub fn pixel(&self, tangent: f32) -> f32 {

@@ -5,9 +5,11 @@
 //! | `mod.rs` | portals |
 //! | `file.rs` | the file format |
 //! | `image.rs` | the map in the angles of a portal, and sums over its rectangles |
+//! | `flat.rs` | portals as arrays, for other devices |
 //! | `sampler.rs` | portal-masked sampling (Bitterli, Novák and Jarosz 2015) |
 
 mod file;
+mod flat;
 mod image;
 mod sampler;
 #[cfg(test)]

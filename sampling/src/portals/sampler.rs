@@ -63,18 +63,18 @@ const NONE: u16 = u16::MAX;
 /// ```
 #[derive(Clone, Debug)]
 pub struct PortalSampler {
-    openings: Vec<Opening>,
+    pub(super) openings: Vec<Opening>,
 }
 
 /// A portal, and the map in its frame.
 #[derive(Clone, Debug)]
-struct Opening {
-    portal: Portal,
+pub(super) struct Opening {
+    pub portal: Portal,
     /// The axes of its width, its height and its normal, and half its size.
-    axes: [[f32; 3]; 3],
-    half: [f32; 2],
+    pub axes: [[f32; 3]; 3],
+    pub half: [f32; 2],
     /// Portals with the same axes share it.
-    image: Arc<PortalImage>,
+    pub image: Arc<PortalImage>,
 }
 
 impl PortalSampler {

@@ -93,7 +93,10 @@ impl RenderedSurface for MeasuredSurface {
 
 #[cfg(test)]
 mod tests {
-    use headtail_render::{brdf::neural::write_networks, random::Purpose, scene::open_measured};
+    use headtail_render::{
+        brdf::neural::{open_measured, write_networks},
+        random::Purpose,
+    };
 
     use super::*;
     use crate::test_support::grey_lobe;

@@ -6,14 +6,14 @@ use glam::{Vec2, Vec3, Vec3A};
 use headtail_render::{
     brdf::{
         Brdf, BrdfTable, MAX_PARAMETERS, NeuralTexture, Surface,
-        neural::NeuralBrdf,
+        neural::{NeuralBrdf, open_measured},
         neural_texture::{FEATURES, Seen, TEXEL_WIDTH},
     },
     columns::{Arena, strips},
     random::{Purpose, Stream},
     rival::{Rival, RivalSampler},
     sampler::{Draws, Sampler},
-    scene::{MaterialSpec, open_measured},
+    scene::MaterialSpec,
     simd::{LANES, Lanes},
     tile::{ShadingPoint, Tile},
 };

@@ -3,16 +3,18 @@
 //! | file | concept |
 //! | --- | --- |
 //! | `network.rs` | evaluation over columns |
-//! | `file.rs` | files of measured materials |
+//! | `file.rs`, `open.rs` | files of measured materials; opening some by name |
 //! | `check.rs` | finite values, reciprocity and energy |
 
 mod check;
 mod file;
 mod network;
+mod open;
 
 pub use check::{MaterialCheck, VIEWS};
 pub use file::{names_file, read_networks, write_networks};
 pub use network::{INPUTS, LAYERS, MAX_HIDDEN, Network, OUTPUTS};
+pub use open::{open_measured, parse_measured};
 
 use std::fmt;
 

@@ -31,7 +31,7 @@ use std::fmt;
 
 use glam::{Vec2, Vec3};
 
-use crate::{error::Result, linear::Linear, simd};
+use crate::{error::Result, frame::Frame, linear::Linear, simd};
 use network::Network;
 
 /// Numbers per texel.
@@ -56,7 +56,7 @@ pub const REFLECTANCE_SIZES: [usize; 5] = [FEATURES + 4, 32, 32, 32, 3];
 pub const MIXTURE_SIZES: [usize; 4] = [FEATURES + 2, 16, 16, mixture::OUTPUTS];
 
 /// The position, footprint and view of a surface point on a neural material.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Seen {
     /// Texture coordinates in tiles.
     pub uv: Vec2,
@@ -67,6 +67,30 @@ pub struct Seen {
     /// Cosine and sine of the angle from the first axis of [`Frame`](crate::frame::Frame) to the
     /// tangent, and the handedness: 1, or -1 where the texture is mirrored.
     pub tangent: [f32; 3],
+}
+
+impl Default for Seen {
+    /// The origin of the texture from above, in its finest detail.
+    fn default() -> Self {
+        Self { uv: Vec2::ZERO, width: 0.0, wo: Vec3::Z, tangent: [1.0, 0.0, 1.0] }
+    }
+}
+
+impl Seen {
+    /// The origin of the texture from the unit direction `wo`, where the unit normal is `n`, and u and v grow
+    /// `along` two directions; all in world space. Directions that do not span the surface give an arbitrary
+    /// tangent.
+    pub fn new(n: Vec3, wo: Vec3, [along_u, along_v]: [Vec3; 2]) -> Self {
+        let frame = Frame::from_normal(n);
+        let tangent = along_u.reject_from_normalized(n).try_normalize().unwrap_or(frame.s);
+        let across = n.cross(tangent);
+        let hand = 1.0_f32.copysign(across.dot(along_v));
+        Self {
+            wo: Vec3::new(wo.dot(tangent), hand * wo.dot(across), n.dot(wo)),
+            tangent: [tangent.dot(frame.s), tangent.dot(frame.t), hand],
+            ..Self::default()
+        }
+    }
 }
 
 /// Layers of the three networks, first to last, with a leaky ReLU of one slope after all but the last.

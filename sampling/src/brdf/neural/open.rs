@@ -1,23 +1,25 @@
-//! Measured materials for scenes: `nbrdf:FILE`, `nbrdf:FILE#NAME,NAME,...`.
+//! Measured materials by name: `FILE`, `FILE#NAME,NAME,...`.
 
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
 };
 
-use rayon::prelude::*;
-
+use super::{NeuralBrdf, read_networks};
 use crate::{
-    brdf::neural::{NeuralBrdf, read_networks},
     error::{Error, Result},
+    parallel::*,
     path_text::path_of,
 };
 
 /// Maximum number of names that an error lists.
 const LISTED: usize = 8;
 
-/// Splits the text after the colon into file and names; the names follow the last `#`.
-pub(super) fn parse(text: &str) -> std::result::Result<(PathBuf, Vec<String>), String> {
+/// Splits the text after `nbrdf:` into file and names, which follow the last `#`.
+///
+/// # Errors
+/// What is missing.
+pub fn parse_measured(text: &str) -> std::result::Result<(PathBuf, Vec<String>), String> {
     let (file, names) = text.rsplit_once('#').map_or((text, None), |(file, names)| (file, Some(names)));
     if file.is_empty() {
         return Err("name a file, as in nbrdf:FILE#NAME".into());
