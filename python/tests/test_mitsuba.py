@@ -84,11 +84,11 @@ def test_auto_chooses_by_a_pilot(variant):
     """Patches where small lamps are the light, pairs under a sky that is nearly uniform; the picture is that of the chosen sampler."""
     sky = np.broadcast_to(np.linspace(1.5, 0.5, 32, dtype=np.float32)[:, None, None], (32, 64, 3))
     found = {}
-    for name, more in (("lamps", {}), ("sky", {"map": {"type": "envmap", "bitmap": mi.Bitmap(sky.copy())}})):
-        own = scene("glossy", {"type": "headtail_direct"}, **more)
+    for name, kind, more in (("lamps", "direct", {}), ("sky", "path", {"map": {"type": "envmap", "bitmap": mi.Bitmap(sky.copy())}})):
+        own = scene("glossy", integrator(f"headtail_{kind}"), **more)
         picture = np.array(mi.render(own, spp=16, seed=3))
         found[name] = own.integrator().chosen
-        same = scene("glossy", {"type": "headtail_direct", "sampler": found[name]}, **more)
+        same = scene("glossy", integrator(f"headtail_{kind}", sampler=found[name]), **more)
         np.testing.assert_array_equal(picture, np.array(mi.render(same, spp=16, seed=3)))
     assert found == {"lamps": "patches", "sky": "mis2-comp"}
 

@@ -76,8 +76,17 @@ def make():
             mi.Log(mi.LogLevel.Info, f"{self.to_string()}: {self.chosen}")
 
         def choice(self, scene, sensor):
-            """Returns the name of the sampler for a view."""
-            return "patches"
+            """Returns the name of the sampler of CHOICES for a view, or of portals, and keeps its environment."""
+            names = [*CHOICES, FOUND] if self.portals else list(CHOICES)
+            lights = [self.light_of(scene, name) for name in names]
+            if lights[0].product is None:
+                self.keep(scene, lights[0])
+                return names[0]
+            kind = 0 if lights[0].surfaces.are_diffuse else 1
+            costs = [cost_of_portals(len(self.portals)) if name == FOUND else CHOICES[name][kind] for name in names]
+            index = choose(lights, costs, scene, sensor)
+            self.keep(scene, lights[index])
+            return names[index]
 
         def keep(self, scene, light):
             """Keeps a scene's environment for `lights`."""
@@ -125,19 +134,6 @@ def make():
 
         def depths(self):
             return {"max_depth": 2}
-
-        def choice(self, scene, sensor):
-            """Returns the name of the sampler of CHOICES for a view, or of portals, and keeps its environment."""
-            names = [*CHOICES, FOUND] if self.portals else list(CHOICES)
-            lights = [self.light_of(scene, name) for name in names]
-            if lights[0].product is None:
-                self.keep(scene, lights[0])
-                return names[0]
-            kind = 0 if lights[0].surfaces.are_diffuse else 1
-            costs = [cost_of_portals(len(self.portals)) if name == FOUND else CHOICES[name][kind] for name in names]
-            index = choose(lights, costs, scene, sensor)
-            self.keep(scene, lights[index])
-            return names[index]
 
         def sample(self, scene, sampler, ray, medium=None, active=True):
             if volumes := self.volumes(scene, medium):
@@ -202,26 +198,28 @@ def make():
             if self.max_depth == 0:
                 active = mi.Bool(False)
             met = self.first_hit(scene, ray, emitters, active)
-            # The surface before, and the BSDF sample that led on from it.
+            # The surface before, and the BSDF sample that led on from it, which is also one of a pair for the environment.
             previous, pdf, is_delta = dr.zeros(mi.Interaction3f), mi.Float(1), mi.Bool(True)
+            has_pairs, fraction = light.has_pairs, mi.Float(1)
             while dr.hint(active, mode=self._loop):
                 si = met.compute_surface_interaction(ray, mi.RayFlags.All, active)
                 hit = active & si.is_valid()
-                misses = active & ~hit & (depth == 0)
+                misses = active & ~hit & ((depth == 0) | has_pairs)
                 seen |= hit
                 if self.hide_emitters:
-                    misses &= False
+                    misses &= depth > 0
                 if emitters is not None:
                     result += weight * emitters.seen(scene, si, previous, pdf, is_delta, hit)
                 hit &= depth + 1 < limit
                 bsdf = si.bsdf(ray)
                 prepared = light.prepare(ray, si, bsdf, hit)
-                result += weight * light.reflected(scene, sampler, ray, si, bsdf, prepared, hit, misses)
+                environment = light.reflected(scene, sampler, ray, si, bsdf, prepared, hit, misses, has_pairs)
+                result += weight * dr.select(misses, fraction, 1) * environment
                 if emitters is not None:
                     result += weight * emitters.sampled(scene, sampler, si, bsdf, hit)
                 depth += 1
-                # A last surface shows emitters that are surfaces themselves, and nothing else.
-                goes_on = emitters is not None and emitters.are_surfaces
+                # A last surface shows emitters, and nothing else.
+                goes_on = has_pairs or emitters is not None and emitters.are_surfaces
                 active = hit & (depth + (0 if goes_on else 1) < limit)
                 drawn, factor = bsdf.sample(
                     mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), active
@@ -229,6 +227,8 @@ def make():
                 wi = dr.detach(si.to_world(drawn.wo))
                 weight *= attached(bsdf, si, wi, drawn, factor, active)
                 eta *= drawn.eta
+                if has_pairs:
+                    fraction = light.fraction_of_bsdf(prepared[0], wi, dr.detach(drawn), active)
                 previous, pdf = mi.Interaction3f(dr.detach(si)), dr.detach(drawn.pdf)
                 is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
                 largest = dr.max(dr.detach(weight))

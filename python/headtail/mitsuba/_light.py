@@ -198,25 +198,43 @@ class Light:
 
     def product_and_bsdf(self, sampler, si, bsdf, prepared, active):
         """Samples two directions, by a table or head and by the BSDF, combined with the power heuristic."""
-        context = mi.BSDFContext()
-        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
-        wi = self.to_world @ local
-        value, other = bsdf.eval_pdf(context, si, si.to_local(wi), active & (pdf > 0))
-        other = dr.detach(other)
-        first = (wi, dr.select(pdf > 0, value * pdf / (pdf * pdf + other * other), 0), active & (pdf > 0))
-        drawn, weight = bsdf.sample(context, si, sampler.next_1d(active), sampler.next_2d(active), active)
+        drawn, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), active)
         wi = dr.detach(si.to_world(drawn.wo))
         weight, drawn = attached(bsdf, si, wi, drawn, weight, active), dr.detach(drawn)
+        fraction = self.fraction_of_bsdf(prepared, wi, drawn, active)
+        second = wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active
+        return [self.product_beside(sampler, si, bsdf, prepared, active), second]
+
+    def product_beside(self, sampler, si, bsdf, prepared, active):
+        """Samples one direction by the product, weighted for two-sample MIS with the BSDF."""
+        local, pdf = self.product.sample(prepared, sampler.next_2d(active), active)
+        wi = self.to_world @ local
+        value, other = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(wi), active & (pdf > 0))
+        other = dr.detach(other)
+        return wi, dr.select(pdf > 0, value * pdf / (pdf * pdf + other * other), 0), active & (pdf > 0)
+
+    def fraction_of_bsdf(self, prepared, wi, drawn, active):
+        """Returns the weight of a direction of the BSDF in two-sample MIS."""
         is_delta = mi.has_flag(drawn.sampled_type, mi.BSDFFlags.Delta)
         pdf = dr.select(is_delta, 0, self.product.pdf(prepared, self.to_map @ wi, active & ~is_delta))
-        fraction = dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
-        return [first, (wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active)]
+        return dr.square(drawn.pdf) / (dr.square(drawn.pdf) + dr.square(pdf))
 
-    def reflected(self, scene, sampler, ray, si, bsdf, prepared, hit, misses):
-        """Returns an estimate of the environment's light reflected at hits, and its light along the rays of
-        `misses`."""
+    @property
+    def has_pairs(self):
+        """Whether light is estimated by directions of the product and of the BSDF, as two techniques."""
+        if self.product is None or isinstance(self.product, Patches) or self.product.has_mixture_weight:
+            return False
+        return not self.surfaces.are_diffuse or isinstance(self.product, Pairs)
+
+    def reflected(self, scene, sampler, ray, si, bsdf, prepared, hit, misses, is_beside=False):
+        """Returns an estimate of the environment's light reflected at hits, and its light along the rays of `misses`.
+        With `is_beside`, the BSDF's direction of a pair is left to the caller."""
         result, origin = mi.Spectrum(0), dr.detach(si)
-        for index, (wi, ratio, lit) in enumerate(self.estimate(sampler, si, bsdf, prepared, hit)):
+        if is_beside:
+            directions = [self.product_beside(sampler, si, bsdf, prepared[0], hit)]
+        else:
+            directions = self.estimate(sampler, si, bsdf, prepared, hit)
+        for index, (wi, ratio, lit) in enumerate(directions):
             # A new array: in-place changes would also affect the caller's.
             lit = lit & (dr.max(ratio) > 0)
             lit &= ~scene.ray_test(origin.spawn_ray(wi), lit)
