@@ -144,7 +144,7 @@ fn neural_materials_are_those_of_single_points() {
         (w + 1.01 * n).normalize().to_array()
     };
     let wo: Vec<[f32; 3]> = directions(count, 4).iter().enumerate().map(|(k, &w)| above(k, w)).collect();
-    let hand = |place: usize| if place % 2 == 0 { 1.0 } else { -1.0 };
+    let hand = |place: usize| if place.is_multiple_of(2) { 1.0 } else { -1.0 };
     let tangent: Vec<[f32; 4]> =
         along.iter().enumerate().map(|(k, [x, y, z])| [3.0 * x, 3.0 * y, 3.0 * z, hand(k)]).collect();
     let uv: Vec<[f32; 2]> = along.iter().map(|[x, y, _]| [5.0 * x, 5.0 * y]).collect();
@@ -191,17 +191,17 @@ fn errors_of_neural_materials_name_what_is_wrong() {
     assert_eq!(refused(&[up], &[[0.0; 2]], &[right], &[]), Ok(()));
     // What is far away, or does not span the surface, is valid.
     assert_eq!(refused(&[up], &[[1e38; 2]], &[[0.0, 1e38, 0.0, -1.0]], &[1e38]), Ok(()));
-    let cases: [(&[[f32; 3]], &[[f32; 2]], &[[f32; 4]], &[f32], &str); 7] = [
-        (&[], &[[0.0; 2]], &[right], &[], "wo: is needed"),
-        (&[up], &[], &[right], &[], "uv: has 0 rows"),
-        (&[up], &[[0.0; 2]], &[], &[], "tangent: has 0 rows"),
-        (&[up], &[[0.0; 2]], &[right; 3], &[], "tangent: has 3 rows"),
-        (&[up], &[[0.0, f32::NAN]], &[right], &[], "uv: row 0 is (0, NaN)"),
-        (&[up], &[[0.0; 2]], &[[1.0, 0.0, 0.0, 0.5]], &[], "tangent: row 0 is (1, 0, 0, 0.5)"),
-        (&[up], &[[0.0; 2]], &[right], &[-1.0], "footprint: row 0 is -1"),
+    let faults = [
+        (refused(&[], &[[0.0; 2]], &[right], &[]), "wo: is needed"),
+        (refused(&[up], &[], &[right], &[]), "uv: has 0 rows"),
+        (refused(&[up], &[[0.0; 2]], &[], &[]), "tangent: has 0 rows"),
+        (refused(&[up], &[[0.0; 2]], &[right; 3], &[]), "tangent: has 3 rows"),
+        (refused(&[up], &[[0.0, f32::NAN]], &[right], &[]), "uv: row 0 is (0, NaN)"),
+        (refused(&[up], &[[0.0; 2]], &[[1.0, 0.0, 0.0, 0.5]], &[]), "tangent: row 0 is (1, 0, 0, 0.5)"),
+        (refused(&[up], &[[0.0; 2]], &[right], &[-1.0]), "footprint: row 0 is -1"),
     ];
-    for (wo, uv, tangent, footprint, reason) in cases {
-        let error = refused(wo, uv, tangent, footprint).unwrap_err();
+    for (fault, reason) in faults {
+        let error = fault.unwrap_err();
         assert!(error.contains(reason), "{error}, not {reason}");
     }
     for (name, reason) in [
