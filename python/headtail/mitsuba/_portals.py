@@ -16,9 +16,7 @@ class Opening:
     """A portal at shading points: the tangents of its left, right, lower and upper sides, these in pixels, the sum over the
     pixels between, and the probability that it is chosen."""
 
-    DRJIT_STRUCT = {"sides": mi.Vector4f, "pixels": mi.Vector4f, "total": mi.Float, "chance": mi.Float}
-
-    def __init__(self, sides=None, pixels=None, total=None, chance=None):
+    def __init__(self, sides, pixels, total, chance):
         self.sides, self.pixels, self.total, self.chance = sides, pixels, total, chance
 
 
