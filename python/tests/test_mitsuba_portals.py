@@ -37,9 +37,7 @@ def at(n, p):
     from headtail.mitsuba._patches import Point
 
     n, p = (mi.Vector3f(np.ascontiguousarray(rows.T)) for rows in (n, p))
-    point = Point(n, n, None)
-    point.p = p
-    return point
+    return Point(n, n, None, p)
 
 
 def test_directions_and_pdfs_are_the_native_ones(variant, tmp_path):

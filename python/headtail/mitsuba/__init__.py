@@ -1,16 +1,16 @@
 """Integrators for Mitsuba 3: `import headtail.mitsuba` registers `headtail_direct` and `headtail_path` in
 every variant with arrays.
 
-Properties: `sampler` ("auto", "patches", "patches:fine", "mis2-comp", "mis2:portals", "mis2:portals:FILE" or "table", built on first use), or `file` (a table
-of `headtail bake`, or a head of `headtail fit`, over patches or not, for the scene's map); `hide_emitters`; of
-`headtail_direct` also `shading_samples`; of `headtail_path` also `max_depth` and `rr_depth`. The scene has an environment
-map (`envmap`, with any rotation, or `constant`), and any other emitters.
+Properties: `sampler` ("auto", "patches", "patches:fine", "mis2-comp", "mis2:portals", "mis2:portals:FILE" or "table",
+built on first use), or `file` (a table of `headtail bake`, or a head of `headtail fit`, over patches or not, for the
+scene's map); `hide_emitters`; of `headtail_direct` also `shading_samples`; of `headtail_path` also `max_depth` and
+`rr_depth`. The scene has an environment map (`envmap`, with any rotation, or `constant`), and any other emitters.
 """
 
 # _integrators.py: the integrators; _light.py: the environment and its sampler; _emitters.py: other emitters;
-# _patches.py, _pairs.py, _portals.py, _table.py, _head.py: samplers; _rooms.py: portals of scenes; _pilot.py: the choice of
-# `auto`; _network.py, _spline.py: parts of heads; _warp.py: directions and
-# the quad-tree tail; _tails.py: the other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
+# _patches.py, _pairs.py, _portals.py, _table.py, _head.py: samplers; _rooms.py: portals of scenes; _pilot.py: the
+# choice of `auto`; _network.py, _spline.py: parts of heads; _warp.py: directions and the quad-tree tail; _tails.py: the
+# other tails; _surface.py: BSDFs as a diffuse and a Trowbridge-Reitz lobe.
 
 import functools
 import re

@@ -130,10 +130,9 @@ class Light:
         is_patches = isinstance(self.product, Patches)
         sees_lobes = not self.surfaces.are_diffuse if is_patches else self.product.sees_lobes
         *lobes, can_draw = self.lobes(bsdf, si, active) if sees_lobes else (None, active)
-        point = Point(n, wo, lobes if sees_lobes else None)
-        if isinstance(self.product, Portals):
-            point.p = self.to_map @ mi.Vector3f(dr.detach(si.p))
-        prepared = self.product.prepare(point)
+        # Samplers that ignore positions do not evaluate them.
+        p = self.to_map @ mi.Vector3f(dr.detach(si.p))
+        prepared = self.product.prepare(Point(n, wo, lobes if sees_lobes else None, p))
         if self.surfaces.are_diffuse or not (is_patches or self.product.has_mixture_weight):
             return prepared, None
         mixture_weight = prepared.mixture_weight if is_patches else self.product.mixture_weight(prepared)
@@ -198,12 +197,12 @@ class Light:
 
     def product_and_bsdf(self, sampler, si, bsdf, prepared, active):
         """Samples two directions, by a table or head and by the BSDF, combined with the power heuristic."""
+        first = self.product_beside(sampler, si, bsdf, prepared, active)
         drawn, weight = bsdf.sample(mi.BSDFContext(), si, sampler.next_1d(active), sampler.next_2d(active), active)
         wi = dr.detach(si.to_world(drawn.wo))
         weight, drawn = attached(bsdf, si, wi, drawn, weight, active), dr.detach(drawn)
         fraction = self.fraction_of_bsdf(prepared, wi, drawn, active)
-        second = wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active
-        return [self.product_beside(sampler, si, bsdf, prepared, active), second]
+        return [first, (wi, dr.select(drawn.pdf > 0, weight * fraction, 0), active)]
 
     def product_beside(self, sampler, si, bsdf, prepared, active):
         """Samples one direction by the product, weighted for two-sample MIS with the BSDF."""

@@ -116,11 +116,11 @@ def clamped(cosines, is_leaf):
 
 
 class Point:
-    """A shading point in the map's frame: unit normal and direction to the viewer, and lobes (None if all
-    surfaces are diffuse)."""
+    """A shading point in the map's frame: unit normal and direction to the viewer, lobes (None if all
+    surfaces are diffuse), and a position (None for samplers that ignore it)."""
 
-    def __init__(self, n, wo, lobes):
-        self.n, self.wo, self.is_diffuse = n, wo, lobes is None
+    def __init__(self, n, wo, lobes, p=None):
+        self.n, self.wo, self.p, self.is_diffuse = n, wo, p, lobes is None
         if lobes is not None:
             self.diffuse, self.specular, self.f0, self.alpha = lobes
             self.cos_o = dr.maximum(dot(n, wo), 1e-4)

@@ -35,7 +35,7 @@ class Portals:
         self.sums = upload(arrays["portals.sums"])
 
     def prepare(self, at):
-        """Returns the portals at shading points, and whether any can be seen."""
+        """Returns the portals at shading points, and the fraction of the samples that they have beside emitter sampling."""
         openings, sum_of_chances = [], mi.Float(0)
         for rectangle, image in zip(self.rectangles, self.images):
             opening = self.opening(rectangle, image, at)
@@ -43,12 +43,12 @@ class Portals:
             openings.append(opening)
         for opening in openings:
             opening.chance = dr.select(sum_of_chances > 0, opening.chance / sum_of_chances, 0)
-        return openings, sum_of_chances > 0
+        return openings, dr.select(sum_of_chances > 0, mi.Float(MIXTURE_WEIGHT), 0)
 
     def opening(self, rectangle, image, at):
         """Returns a portal at shading points, with an unnormalised probability: its light times the mean cosine of its corners
         and its middle."""
-        right, up, normal = (mi.Vector3f(*rectangle[k : k + 3]) for k in (0, 3, 6))
+        right, up, normal = axes_of(rectangle)
         middle, (half_width, half_height) = rectangle[9:12], rectangle[12:]
         least = LEAST_DISTANCE * (half_width + half_height)
         distance = dr.dot(normal, at.p) - middle[2]
@@ -69,8 +69,7 @@ class Portals:
 
     def sample(self, prepared, z, active=True):
         """Samples a direction from a uniform point z: (direction, solid-angle pdf)."""
-        openings, sees = prepared
-        weight = dr.select(sees, mi.Float(MIXTURE_WEIGHT), 0)
+        openings, weight = prepared
         by_portal = z.x < weight
         z = mi.Point2f(remap(z.x, dr.select(by_portal, 0, weight), dr.select(by_portal, weight, 1)), z.y)
         number, through, own = self.draw(openings, z, active & by_portal)
@@ -84,8 +83,7 @@ class Portals:
 
     def pdf(self, prepared, wi, active=True):
         """Returns the solid-angle pdf of a direction under `sample`."""
-        openings, sees = prepared
-        weight = dr.select(sees, mi.Float(MIXTURE_WEIGHT), 0)
+        openings, weight = prepared
         of_portals = self.densities(openings, wi, mi.UInt32(len(openings)), active)
         return positive(weight * of_portals + (1 - weight) * self.emitter.pdf((), wi, active))
 
@@ -116,7 +114,7 @@ class Portals:
         """Returns the sum of the pdfs through all portals but the one that was drawn."""
         result = mi.Float(0)
         for k, (opening, rectangle) in enumerate(zip(openings, self.rectangles)):
-            right, up, normal = (mi.Vector3f(*rectangle[j : j + 3]) for j in (0, 3, 6))
+            right, up, normal = axes_of(rectangle)
             x, y, z = dr.dot(right, wi), dr.dot(up, wi), -dr.dot(normal, wi)
             left, far, bottom, top = opening.sides
             is_through = (x >= left * z) & (x <= far * z) & (y >= bottom * z) & (y <= top * z)
@@ -144,7 +142,7 @@ class Portals:
         return (pixel * across) * (across / squared) * (pixel * along) * (along / dr.sqrt(squared))
 
     def cell(self, pixel):
-        return mi.UInt32(dr.clip(mi.Int32(pixel), 0, self.size - 1))
+        return cell_of(pixel, self.size)
 
     def sum(self, image, column, row, active):
         return dr.gather(mi.UInt32, self.sums, (image * (self.size + 1) + row) * (self.size + 1) + column, active)
@@ -179,6 +177,16 @@ class Band:
         return top + self.fractions[1] * (above_top - top) - below
 
 
+def axes_of(rectangle):
+    """Returns the directions of the width, the height and the normal of a portal."""
+    return [mi.Vector3f(*rectangle[k : k + 3]) for k in (0, 3, 6)]
+
+
+def cell_of(place, size):
+    """Returns the whole number below a place, at most `size` - 1."""
+    return mi.UInt32(dr.clip(mi.Int32(place), 0, size - 1))
+
+
 def signed(difference):
     """Returns a wrapped difference of sums: by rounding, the far side of a thin rectangle may be before its base."""
     return mi.Float64(mi.Int32(difference))
@@ -191,7 +199,7 @@ def cosine_of(axes, x, y):
 
 def ends(start, end, size, sum_below):
     """Returns a sum at both ends of an interval of places, from the sum up to whole numbers, which is 0 at the first one."""
-    first, last = (mi.UInt32(dr.clip(mi.Int32(at), 0, size - 1)) for at in (start, end))
+    first, last = cell_of(start, size), cell_of(end, size)
     below = sum_below(last)
     at_end = below + (mi.Float64(end) - mi.Float64(last)) * (sum_below(last + 1) - below)
     return (mi.Float64(start) - mi.Float64(first)) * sum_below(first + 1), at_end
@@ -202,7 +210,7 @@ def invert(start, end, u, size, sum_below):
     cell, growth over the interval)."""
     at_start, at_end = ends(start, end, size, sum_below)
     target = at_start + mi.Float64(u) * (at_end - at_start)
-    low, last = (mi.UInt32(dr.clip(mi.Int32(at), 0, size - 1)) for at in (start, end))
+    low, last = cell_of(start, size), cell_of(end, size)
     high, below = dr.maximum(last, low) + 1, mi.Float64(0)
     # Over Python integers: unrolled.
     for _ in range(int(np.ceil(np.log2(size)))):
