@@ -191,8 +191,14 @@ impl Gpu {
 
     /// Binds whole buffers to a pipeline of the shader's own bindings, in order.
     pub fn bind(&self, pipeline: &wgpu::ComputePipeline, buffers: &[&wgpu::Buffer]) -> wgpu::BindGroup {
-        let resources = buffers.iter().map(|buffer| buffer.as_entire_binding()).zip(0..);
-        let entries: Vec<_> = resources.map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource }).collect();
+        let numbered: Vec<_> = (0..).zip(buffers.iter().copied()).collect();
+        self.bind_at(pipeline, &numbered)
+    }
+
+    /// Binds whole buffers by their numbers: all that the pipeline's entry point uses.
+    pub fn bind_at(&self, pipeline: &wgpu::ComputePipeline, buffers: &[(u32, &wgpu::Buffer)]) -> wgpu::BindGroup {
+        let resources = buffers.iter().map(|(binding, buffer)| (*binding, buffer.as_entire_binding()));
+        let entries: Vec<_> = resources.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect();
         let layout = pipeline.get_bind_group_layout(0);
         let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &layout, entries: &entries };
         self.device.create_bind_group(&descriptor)

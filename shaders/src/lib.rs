@@ -25,7 +25,6 @@ use std::fmt::Write;
 use headtail_sampling::{
     Error, Result,
     flat::{FlatArray, FlatNumbers},
-    tail::Tail,
 };
 use naga::{
     ShaderStage,
@@ -101,7 +100,7 @@ const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
     /// Builds the shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`],
-    /// [`headtail_sampling::export::flat_exported`] and, for emitter sampling, [`Tail::flat`]), with an example of use.
+    /// [`headtail_sampling::export::flat_exported`] and, for emitter sampling, [`headtail_sampling::tail::Tail::flat`]), with an example of use.
     ///
     /// # Errors
     /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
@@ -132,22 +131,33 @@ impl Shader {
         Ok(shader)
     }
 
-    /// Builds a shader of training that draws targets through a tail; `sizes` are the constants of
-    /// `targets.wgsl`.
+    /// Builds a shader of training that draws targets through a tail, and through patches where the arrays have them;
+    /// `sizes` are the constants of `targets.wgsl`. Its entry point is `place_strata`. With an array `light.cells`, the
+    /// density of the light over X at the centres of a table's cells (multiples of 256 rows and columns), they are
+    /// `tabulate`, `sum_rows` and `place_tabulated`.
     ///
     /// # Errors
     /// If the arrays are not those of a tail, or hold more numbers than a device can address.
-    pub fn of_targets(tail: &Tail, sizes: [usize; training::TARGET_SIZES.len()], alpha: f32) -> Result<Self> {
-        let arrays = tail.flat();
-        let mut shader = Self::of_arrays(&arrays)?;
+    pub fn of_targets(arrays: &[FlatArray], sizes: [usize; training::TARGET_SIZES.len()], alpha: f32) -> Result<Self> {
+        let mut shader = Self::of_arrays(arrays)?;
         let mut constant = |name: &str, value| shader.define(&format!("HEADTAIL_{}", name.to_uppercase()), value);
-        let tail = tail_concepts(&arrays, &mut constant)?;
+        let tail = tail_concepts(arrays, &mut constant)?;
+        let mut points = training::STRATA;
+        if let Ok(table) = shape_of(arrays, "light.cells") {
+            points = training::TABULATED;
+            shader.define("TABLE_ROWS", table[0]);
+            shader.define("TABLE_COLUMNS", table[1]);
+        }
         for (name, value) in training::TARGET_SIZES.into_iter().zip(sizes) {
             shader.define(name, value);
         }
         // Writing to a string cannot fail.
         let _ = writeln!(shader.source, "const ALPHA: f32 = {alpha:?};");
-        shader.append(&[&[SQUARE][..], &tail, &[BRDF], &training::TARGETS].concat());
+        let square = match shape_of(arrays, "patches.clusters") {
+            Ok(_) => &[PREPARED, UNOCCLUDED, PATCHES, PATCHES_ALONE, training::IN_PATCHES][..],
+            Err(_) => &[training::IN_TAIL],
+        };
+        shader.append(&[&[SQUARE][..], &tail, square, &[BRDF], &training::TARGETS, &[points]].concat());
         Ok(shader)
     }
 

@@ -6,15 +6,30 @@
 
 use crate::RATIONAL_QUADRATIC;
 
-/// Draws targets from random numbers; see [`crate::Shader::of_targets`].
+/// Random numbers, surfaces and the target at points; see [`crate::Shader::of_targets`].
 pub(crate) const TARGETS: [&str; 2] =
     [include_str!("../wgsl/train/random.wgsl"), include_str!("../wgsl/train/targets.wgsl")];
+/// The square of a head: over a tail, or over patches over a tail.
+pub(crate) const IN_TAIL: &str = include_str!("../wgsl/train/in_tail.wgsl");
+pub(crate) const IN_PATCHES: &str = include_str!("../wgsl/train/in_patches.wgsl");
+/// How points are drawn.
+pub(crate) const STRATA: &str = include_str!("../wgsl/train/strata.wgsl");
+pub(crate) const TABULATED: &str = include_str!("../wgsl/train/tabulated.wgsl");
 
 /// The constants of the shader that draws targets: numbers of points, of points per condition, of strata per
 /// side and of BRDF samples; place and stride of the conditions in the arena; whether surfaces are microfacets,
-/// and whether their width is part of the condition.
-pub const TARGET_SIZES: [&str; 8] =
-    ["POINTS", "SAMPLES", "STRATA", "BRDF_SAMPLES", "CONDITIONS", "CONDITION_STRIDE", "IS_GLOSSY", "HAS_ALPHA"];
+/// whether their width is part of the condition, and whether points are of X.
+pub const TARGET_SIZES: [&str; 9] = [
+    "POINTS",
+    "SAMPLES",
+    "STRATA",
+    "BRDF_SAMPLES",
+    "CONDITIONS",
+    "CONDITION_STRIDE",
+    "IS_GLOSSY",
+    "HAS_ALPHA",
+    "IS_IN_X",
+];
 
 /// The constants of the optimiser's shader: numbers of weights and of conditions; place in the arena of the
 /// gradient, which is followed by each condition's loss and whether it is lit; the largest number of steps; whether
@@ -128,7 +143,10 @@ fn with_rows(rows: u32, source: &str) -> String {
 #[cfg(test)]
 mod tests {
     use headtail_sampling::{
+        FlatArray,
         environment::Environment,
+        flat_patches,
+        patches::Detail,
         tail::{Tail, TailKind},
     };
     use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -146,12 +164,22 @@ mod tests {
     }
 
     #[test]
-    fn the_shader_of_targets_is_valid() {
+    fn shaders_of_targets_are_valid() {
         let map = Environment::open("studio").unwrap();
-        for kind in [TailKind::Hierarchical, TailKind::RowColumn] {
-            let tail = Tail::of_environment(kind, &map).unwrap();
-            let shader = Shader::of_targets(&tail, [4; TARGET_SIZES.len()], 0.25).unwrap();
-            assert_valid(kind.name(), "place_targets", &shader.source);
+        let of = |kind| Tail::of_environment(kind, &map).unwrap();
+        let (tree, rows) = (of(TailKind::Hierarchical), of(TailKind::RowColumn));
+        let light = FlatArray::floats("light.cells", vec![512, 1024], vec![1.0; 8]);
+        let patches = flat_patches(&tree, Detail::Twigs).unwrap();
+        for (name, arrays, entries) in [
+            ("tree", tree.flat(), &["place_strata"][..]),
+            ("rows", rows.flat(), &["place_strata"]),
+            ("patches", patches, &["place_strata"]),
+            ("table", [rows.flat(), vec![light]].concat(), &["tabulate", "sum_rows", "place_tabulated"]),
+        ] {
+            let shader = Shader::of_targets(&arrays, [4; TARGET_SIZES.len()], 0.25).unwrap();
+            for entry in entries {
+                assert_valid(name, entry, &shader.source);
+            }
         }
     }
 

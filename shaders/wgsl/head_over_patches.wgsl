@@ -22,9 +22,7 @@ fn headtail_sample_here(z: vec2<f32>) -> vec4<f32> {
 fn headtail_pdf_here(wi: vec3<f32>) -> f32 {
     let x = headtail_square(wi);
     let cell = headtail_cell(x.xy);
-    let found = headtail_patch_of(cell);
-    if (!(found.density > 0.0)) { return 0.0; }
-    let inside = headtail_inside(found.rectangle, headtail_inverse(cell));
-    let through = min(found.sides.xz + inside * (found.sides.yw - found.sides.xz), vec2<f32>(HEADTAIL_BELOW_ONE));
-    return headtail_head_density(through) * found.density * headtail_density(cell) * x.z;
+    let back = headtail_patches_back(cell, headtail_inverse(cell));
+    if (!(back.z > 0.0)) { return 0.0; }
+    return headtail_head_density(back.xy) * back.z * headtail_density(cell) * x.z;
 }

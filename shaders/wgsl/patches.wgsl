@@ -229,6 +229,14 @@ fn headtail_patch_of(cell: vec4<f32>) -> HeadtailPatch {
     return headtail_walk(HeadtailAim(vec2<f32>(0.0), true, twig));
 }
 
+// The uniform point that patches carry to a point of Y, given its cell of the map, and the density over Y there: 0 if there is no such point.
+fn headtail_patches_back(cell: vec4<f32>, y: vec2<f32>) -> vec3<f32> {
+    let found = headtail_patch_of(cell);
+    let inside = headtail_inside(found.rectangle, y);
+    let z = found.sides.xz + inside * (found.sides.yw - found.sides.xz);
+    return vec3<f32>(min(z, vec2<f32>(HEADTAIL_BELOW_ONE)), found.density);
+}
+
 // The mixture weight of BSDF sampling for a lobe by its width alone.
 fn headtail_of_lobe(alpha: f32) -> f32 {
     return clamp(0.5 * pow(0.05 / alpha, 1.25), 0.03, 0.9);

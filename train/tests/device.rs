@@ -16,6 +16,7 @@ use headtail_render::{
 use headtail_train::{
     Backend, Batch, Checkpoints, CosineTarget, FitConfig, FlowSettings, GradientForm, GradientSource, Loss, Objective,
     Preset, Progress, Run, StateFile, StepGradient, TrainingState, Viewpoints, build_target, condition_of,
+    config::{Over, Points},
     device::{DeviceFlow, DeviceGradient, Gpu},
     fit_flow, fit_with,
     fused::{FusedFlow, FusedGradient},
@@ -129,36 +130,79 @@ fn same_bytes_in_every_run() -> Outcome {
     Ok(())
 }
 
+const MATERIALS: [&str; 3] = ["lambert", "ggx:alpha=0.3", "ggx:alpha=0.1..0.9"];
+
+/// Draws the batch of a step on the host and on the device, and fails if more than a fraction of the numbers of a list
+/// are `apart`, relative to the larger of the host's and 0.01.
+fn same_batches(
+    (name, kind): (&str, TailKind),
+    material: &str,
+    change: impl Fn(&mut FitConfig),
+    (apart, fraction): (f32, f32),
+) -> Outcome {
+    let tail = Tail::of_environment(kind, &Environment::open(name)?)?;
+    let mut config = Preset::FastGgx.config();
+    config.material = material.parse()?;
+    config.head.condition = condition_of(&config.material);
+    (config.conditions, config.strata, config.brdf_samples) = (64, 12, 100);
+    change(&mut config);
+    let target = build_target(&config, &tail, Viewpoints::Sphere)?;
+    let expected = Batch::draw(&*target, config.batch_shape(), config.seed, Purpose::Batch, 5)?;
+    let head = Head::new(config.head, 0, &Backend::default().device()?)?;
+    let found =
+        DeviceGradient::new(Gpu::open()?, &head)?.batch(&config, &*target, 5)?.ok_or("the target is in closed form")?;
+    let lists = |batch: &Batch| {
+        let Batch { points, densities, weights, brdf, tails, .. } = batch;
+        [points, densities, weights, brdf, tails].map(Vec::clone)
+    };
+    for (list, (a, b)) in lists(&expected).iter().zip(&lists(&found)).enumerate() {
+        let is_apart = |(a, b): &(&f32, &f32)| !((*a - *b).abs() <= apart * a.abs().max(1e-2));
+        let far = a.iter().zip(b).filter(is_apart).count();
+        if far as f32 > fraction * a.len() as f32 || a.len() != b.len() {
+            return Err(format!("{name}, {material}, list {list}: {far} of {}", a.len()).into());
+        }
+    }
+    Ok(())
+}
+
+const MAPS: [(&str, TailKind); 3] =
+    [("studio", TailKind::Hierarchical), ("sunset", TailKind::Hierarchical), ("window", TailKind::RowColumn)];
+
 /// Batches that the device draws are those of the host, except for points that rounding moves across a border of
 /// a texel or of a quadrant: there densities differ by as much as neighbouring texels.
 fn same_targets_as_the_host() -> Outcome {
-    for (name, kind) in
-        [("studio", TailKind::Hierarchical), ("sunset", TailKind::Hierarchical), ("window", TailKind::RowColumn)]
-    {
-        let tail = Tail::of_environment(kind, &Environment::open(name)?)?;
-        for material in ["lambert", "ggx:alpha=0.3", "ggx:alpha=0.1..0.9"] {
-            let mut config = Preset::FastGgx.config();
-            config.material = material.parse()?;
-            config.head.condition = condition_of(&config.material);
-            (config.conditions, config.strata, config.brdf_samples) = (64, 12, 100);
-            let target = build_target(&config, &tail, Viewpoints::Sphere)?;
-            let expected = Batch::draw(&*target, config.batch_shape(), config.seed, Purpose::Batch, 5)?;
-            let head = Head::new(config.head, 0, &Backend::default().device()?)?;
-            let found = DeviceGradient::new(Gpu::open()?, &head)?
-                .batch(&config, &*target, 5)?
-                .ok_or("the target is in closed form")?;
-            let lists = |batch: &Batch| {
-                let Batch { points, densities, weights, brdf, tails, .. } = batch;
-                [points, densities, weights, brdf, tails].map(Vec::clone)
-            };
-            for (list, (a, b)) in lists(&expected).iter().zip(&lists(&found)).enumerate() {
-                let apart = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 1e-4 * a.abs().max(1e-2);
-                let far = a.iter().zip(b).filter(apart).count();
-                if far * 1000 > a.len() || a.len() != b.len() {
-                    return Err(format!("{name}, {material}, list {list}: {far} of {}", a.len()).into());
-                }
+    for map in MAPS {
+        for material in MATERIALS {
+            for naive in [false, true] {
+                same_batches(map, material, |config| config.naive = naive, (1e-4, 1e-3))?;
             }
         }
+    }
+    Ok(())
+}
+
+/// As [`same_targets_as_the_host`], with the borders of three levels of patches. Rounding of a point is stretched as
+/// much as a patch is, where patches hardly draw.
+fn same_targets_over_patches_as_the_host() -> Outcome {
+    for (map, over) in [(MAPS[0], Over::FinePatches), (MAPS[1], Over::Patches)] {
+        for material in MATERIALS {
+            same_batches(map, material, |config| config.over = over, (1e-3, 2e-3))?;
+        }
+    }
+    Ok(())
+}
+
+/// Running sums are rounded to 6e-8 of a row: of cells with a tenth of the mean probability of their row, by 1.2e-3 of
+/// their own, on the host as on the device. The conditions are more than a device without memory of its own tabulates
+/// together.
+fn same_tabulated_targets_as_the_host() -> Outcome {
+    for (map, material, naive) in
+        [(MAPS[0], MATERIALS[0], false), (MAPS[0], MATERIALS[2], true), (MAPS[2], MATERIALS[1], false)]
+    {
+        let change = |config: &mut FitConfig| {
+            (config.points, config.naive, config.conditions) = (Points::Tabulated, naive, 20);
+        };
+        same_batches(map, material, change, (2e-3, 1e-2))?;
     }
     Ok(())
 }
@@ -307,6 +351,8 @@ fn main() {
         Trial::test("no_gradient_without_light", no_gradient_without_light),
         Trial::test("too_many_points_of_a_condition_are_refused", too_many_points_of_a_condition_are_refused),
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
+        Trial::test("same_targets_over_patches_as_the_host", same_targets_over_patches_as_the_host),
+        Trial::test("same_tabulated_targets_as_the_host", same_tabulated_targets_as_the_host),
         Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),
         Trial::test("same_bytes_however_steps_are_grouped", same_bytes_however_steps_are_grouped),
         Trial::test("a_run_moves_between_host_and_device", a_run_moves_between_host_and_device),

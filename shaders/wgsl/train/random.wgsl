@@ -1,7 +1,7 @@
 // Uniform numbers equal to those of `headtail_sampling::random::Stream`: words of ChaCha with 8 rounds (Bernstein 2008), the 24 upper bits of each.
 
-// The key's first three words (seed and purpose; the others are 0) and two of the stream, then the position of the first number of each
-// condition's points.
+// The key's first three words (seed and purpose; the others are 0) and two of the stream, the first condition to draw points of, then the position
+// of the first number of each condition's points.
 @group(0) @binding(4) var<storage, read> stream: array<u32>;
 
 fn quarter_round(s: ptr<function, array<u32, 16>>, a: u32, b: u32, c: u32, d: u32) {
@@ -39,7 +39,7 @@ fn uniform_of(word: u32) -> f32 {
 
 // The two numbers of a condition's point.
 fn uniform_point(condition: u32, index: u32) -> vec2<f32> {
-    let position = stream[5u + condition] + 2u * index;
+    let position = stream[6u + condition] + 2u * index;
     var block = block_of(position / 16u);
     let first = block[position % 16u];
     if (position % 16u == 15u) { block = block_of(position / 16u + 1u); }

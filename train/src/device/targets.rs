@@ -1,6 +1,6 @@
 //! Drawing the points of a batch and the target there on the device.
 
-use headtail_render::random::Purpose;
+use headtail_render::{flat::FlatArray, random::Purpose};
 use headtail_shaders::{Shader, gpu::Gpu};
 
 use super::dispatch::{Matrix, spread};
@@ -9,25 +9,48 @@ use crate::{
     integrand::{BatchShape, ShaderSurface, ShaderTarget},
 };
 
-/// The shader of a target for batches of one shape.
-pub struct Targets {
+/// Returns the largest number of bytes of tables that are held at a time: enough to keep a device busy, and few enough
+/// that none is busy for long.
+fn bytes_of_tables(gpu: &Gpu) -> usize {
+    if gpu.is_card() { 1 << 28 } else { 1 << 25 }
+}
+
+/// A shader with its buffers.
+struct Pass {
     pipeline: wgpu::ComputePipeline,
     group: wgpu::BindGroup,
-    /// The key of the batch's random stream, and where in it the numbers of each condition begin.
+}
+
+/// How points are drawn.
+enum Points {
+    Strata(Pass),
+    /// From tables of `rows` rows: what fills the tables of some conditions, sums their rows, and draws.
+    Tabulated {
+        rows: usize,
+        passes: [Pass; 3],
+    },
+}
+
+/// The shaders of a target for batches of one shape.
+pub struct Targets {
+    points: Points,
+    /// The key of the batch's random stream, the first condition to draw points of, and where in the stream the numbers
+    /// of each condition begin.
     stream: wgpu::Buffer,
-    points: usize,
+    shape: BatchShape,
+    /// Conditions whose points are drawn together.
+    together: usize,
 }
 
 impl Targets {
     /// Uploads the tail. `seen` are the conditions, `batch` and `arena` the buffers of a step.
     pub fn new(
         gpu: &Gpu,
-        target: ShaderTarget<'_>,
+        target: &ShaderTarget,
         shape: BatchShape,
         seen: Matrix,
         [batch, arena]: [&wgpu::Buffer; 2],
     ) -> Result<Self> {
-        let points = shape.conditions * shape.samples();
         let (is_glossy, alpha) = match target.surface {
             ShaderSurface::Lambert => (false, 0.0),
             ShaderSurface::Ggx { alpha } => (true, alpha),
@@ -36,7 +59,7 @@ impl Targets {
         let has_alpha = target.surface == ShaderSurface::GgxOfCondition;
         // In the order of `TARGET_SIZES`.
         let sizes = [
-            points,
+            shape.conditions * shape.samples(),
             shape.samples(),
             shape.strata,
             shape.brdf_samples,
@@ -44,27 +67,62 @@ impl Targets {
             seen.stride,
             is_glossy.into(),
             has_alpha.into(),
+            target.is_in_x.into(),
         ];
-        let shader = Shader::of_targets(target.tail, sizes, alpha)?;
-        let pipeline = gpu.pipeline(None, &shader.source, "place_targets");
+        let shader = Shader::of_targets(&target.arrays, sizes, alpha)?;
         let floats = gpu.buffer("the tail", 4 * shader.floats.len() as u64)?;
         let integers = gpu.buffer("the tail", 4 * shader.integers.len() as u64)?;
         gpu.queue.write_buffer(&floats, 0, bytemuck::cast_slice(&shader.floats));
         gpu.queue.write_buffer(&integers, 0, bytemuck::cast_slice(&shader.integers));
-        let stream = gpu.buffer("places of random numbers", 4 * (5 + shape.conditions) as u64)?;
-        let group = gpu.bind(&pipeline, &[&floats, &integers, batch, arena, &stream]);
+        let stream = gpu.buffer("places of random numbers", 4 * (6 + shape.conditions) as u64)?;
+        let pass = |entry, bound: &[(u32, &wgpu::Buffer)]| {
+            let pipeline = gpu.pipeline(None, &shader.source, entry);
+            Pass { group: gpu.bind_at(&pipeline, bound), pipeline }
+        };
+        let [floats, integers, stream_at] = [(0, &floats), (1, &integers), (4, &stream)];
+        let [batch, arena] = [(2, batch), (3, arena)];
+        let all = [floats, integers, batch, arena, stream_at];
+        let (points, together) = match target.arrays.iter().find(|array| array.name == "light.cells") {
+            None => (Points::Strata(pass("place_strata", &all)), shape.conditions),
+            Some(FlatArray { shape: cells, .. }) => {
+                let (rows, bytes) = (cells[0], 4 * (cells[0] * cells[1] + cells[0]));
+                let most = bytes_of_tables(gpu).min(usize::try_from(gpu.largest_buffer()).unwrap_or(usize::MAX));
+                let together = (most / bytes).clamp(1, shape.conditions);
+                let table = gpu.buffer("tables of the product", (together * bytes) as u64)?;
+                let table = (5, &table);
+                let passes = [
+                    pass("tabulate", &[floats, arena, stream_at, table]),
+                    pass("sum_rows", &[table]),
+                    pass("place_tabulated", &[&all[..], &[table]].concat()),
+                ];
+                (Points::Tabulated { rows, passes }, together)
+            }
+        };
         gpu.check()?;
-        Ok(Self { pipeline, group, stream, points })
+        Ok(Self { points, stream, shape, together })
     }
 
     /// Draws the points of a batch, whose conditions are in the arena.
     pub fn run(&self, gpu: &Gpu, seed: u64, index: u64, positions: &[u64]) {
         let halves = |number: u64| [number as u32, (number >> 32) as u32];
         let ([seed_low, seed_high], [low, high]) = (halves(seed), halves(index));
-        let key = [seed_low, seed_high, Purpose::Batch as u32, low, high];
+        let key = [seed_low, seed_high, Purpose::Batch as u32, low, high, 0];
         // Below 2^32: a batch has fewer numbers than the arena.
         let words: Vec<u32> = key.into_iter().chain(positions.iter().map(|&position| position as u32)).collect();
         gpu.queue.write_buffer(&self.stream, 0, bytemuck::cast_slice(&words));
-        gpu.submit(&self.pipeline, &self.group, spread(self.points));
+        for first in (0..self.shape.conditions).step_by(self.together) {
+            let count = self.together.min(self.shape.conditions - first);
+            gpu.queue.write_buffer(&self.stream, 20, bytemuck::bytes_of(&(first as u32)));
+            let submit = |Pass { pipeline, group }: &Pass, groups| drop(gpu.submit(pipeline, group, groups));
+            let points = spread(count * self.shape.samples());
+            match &self.points {
+                Points::Strata(strata) => submit(strata, points),
+                Points::Tabulated { rows, passes: [tabulate, sum_rows, place] } => {
+                    submit(tabulate, [*rows as u32, count as u32]);
+                    submit(sum_rows, [count as u32, 1]);
+                    submit(place, points);
+                }
+            }
+        }
     }
 }

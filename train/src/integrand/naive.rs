@@ -5,7 +5,7 @@ use headtail_model::Condition;
 use headtail_render::{latlong, random::Stream};
 
 use super::{
-    TailMap,
+    ShaderTarget, TailMap,
     target::{BatchShape, PlacedPoints, PointValues, Target},
 };
 use crate::Result;
@@ -67,6 +67,10 @@ impl Target for NaiveTarget<'_> {
 
     fn has_brdf_sampling(&self) -> bool {
         self.target.has_brdf_sampling()
+    }
+
+    fn shader_target(&self) -> Option<ShaderTarget> {
+        Some(ShaderTarget { is_in_x: true, ..self.target.shader_target()? })
     }
 
     fn place(&self, condition: &[f32], shape: BatchShape, mut place: PlacedPoints<'_>) -> Result<()> {

@@ -11,7 +11,7 @@ use headtail_render::{
 };
 
 use super::{
-    RenderedSurface, TailMap, TailPoint,
+    RenderedSurface, ShaderTarget, TailMap, TailPoint,
     product::MAX_BRDF_DENSITY,
     target::{PointValues, Target},
 };
@@ -78,6 +78,12 @@ impl<S: RenderedSurface> Target for PatchedTarget<'_, S> {
         let mut found = self.patches.warp_at(self.tail, &point).inverse(&directions).into_iter();
         let inside = |u: Vec2| u.clamp(Vec2::ZERO, Vec2::splat(BELOW_ONE)).to_array();
         drawn.into_iter().map(|drawn| drawn.and_then(|_| found.next().flatten()).map(inside)).collect()
+    }
+
+    fn shader_target(&self) -> Option<ShaderTarget> {
+        let (grid, surface) = (self.tail.light(), self.surface.in_shaders()?);
+        let arrays = [self.tail.flat(), self.patches.flat(grid.columns(), grid.rows())].concat();
+        Some(ShaderTarget { arrays, surface, is_in_x: false })
     }
 
     fn mixture_weight_logit(&self, condition: &[f32]) -> f32 {

@@ -67,8 +67,9 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
         self.tail.is_invertible()
     }
 
-    fn shader_target(&self) -> Option<ShaderTarget<'_>> {
-        Some(ShaderTarget { tail: self.tail.exact()?, surface: self.surface.in_shaders()? })
+    fn shader_target(&self) -> Option<ShaderTarget> {
+        let (arrays, surface) = (self.tail.exact()?.flat(), self.surface.in_shaders()?);
+        Some(ShaderTarget { arrays, surface, is_in_x: false })
     }
 
     fn brdf_samples(&self, condition: &[f32], u: &[[f32; 2]]) -> Vec<Option<[f32; 2]>> {

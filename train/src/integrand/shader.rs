@@ -1,14 +1,16 @@
 //! Targets that shaders of training can draw, see `crate::device`.
 
-use headtail_render::tail::Tail;
+use headtail_render::flat::FlatArray;
 
-/// A surface seen through a tail, both in closed form.
-#[derive(Clone, Copy)]
-pub struct ShaderTarget<'a> {
-    /// An exact tail.
-    pub tail: &'a Tail,
+/// A surface in closed form seen through a tail.
+#[derive(Clone, Debug)]
+pub struct ShaderTarget {
+    /// The arrays of an exact tail, of patches if there are any, and `light.cells` for points from tables.
+    pub arrays: Vec<FlatArray>,
     /// The surface.
     pub surface: ShaderSurface,
+    /// Whether points and densities are in X.
+    pub is_in_x: bool,
 }
 
 /// A surface that shaders know.

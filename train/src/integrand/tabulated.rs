@@ -5,13 +5,14 @@ use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
     discrete::{BELOW_ONE, invert_running_sums},
+    flat::FlatArray,
     latlong,
     random::Stream,
     tail::{Tail, TailWarp},
 };
 
 use super::{
-    ProductTarget, Surface,
+    ProductTarget, ShaderTarget, Surface,
     target::{BatchShape, PlacedPoints, PointValues, Target},
 };
 use crate::Result;
@@ -102,6 +103,12 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
 
     fn has_brdf_sampling(&self) -> bool {
         self.product.has_brdf_sampling()
+    }
+
+    fn shader_target(&self) -> Option<ShaderTarget> {
+        let mut target = self.product.shader_target()?;
+        target.arrays.push(FlatArray::floats("light.cells", vec![ROWS, COLUMNS], self.light.clone()));
+        Some(target)
     }
 
     /// All points are drawn from the table, and the table is the target: all points have the same weight.

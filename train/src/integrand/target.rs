@@ -41,7 +41,7 @@ pub trait Target: Sync {
 
     /// Describes the target to shaders that draw it as [`place`](Self::place) does by default; `None` for one that
     /// they do not know.
-    fn shader_target(&self) -> Option<ShaderTarget<'_>> {
+    fn shader_target(&self) -> Option<ShaderTarget> {
         None
     }
 
