@@ -1,15 +1,16 @@
-//! Computes the hash of the sources that measurements depend on.
+//! Computes the hashes of the sources that measurements depend on.
 
 #[path = "src/sources.rs"]
 mod sources;
 
 fn main() {
     let repository = std::path::Path::new("..");
-    for source in sources::SOURCES {
+    for source in sources::DEVICE_SOURCES {
         if repository.join(source).exists() {
             println!("cargo:rerun-if-changed=../{source}");
         }
     }
     println!("cargo:rerun-if-changed=src/sources.rs");
-    println!("cargo:rustc-env=HEADTAIL_SOURCES={}", sources::hash(repository));
+    println!("cargo:rustc-env=HEADTAIL_SOURCES={}", sources::hash(repository, sources::SOURCES));
+    println!("cargo:rustc-env=HEADTAIL_DEVICE_SOURCES={}", sources::hash(repository, sources::DEVICE_SOURCES));
 }

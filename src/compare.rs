@@ -8,12 +8,13 @@ pub use samplers::SamplerList;
 use std::{
     path::PathBuf,
     sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
 };
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use headtail_eval::{Budget, Entry, FilePreparation, OpenedView, Plan, Reference, ReferencePolicy, machine};
+use headtail_eval::{
+    Budget, Entry, FilePreparation, GraphicsDevice, OpenedView, Plan, Reference, ReferencePolicy, machine,
+};
 use headtail_render::{file, image::write_exr, memory, spec::SamplerSpec};
 use running::{RunningComparison, names_of, stems_of};
 
@@ -21,7 +22,7 @@ use crate::terminal::{self, say};
 use crate::{
     arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
-    device::{DEVICES, Device, GraphicsDevice},
+    device::{DEVICES, Device},
     given::{given, one_of},
     light::LightArguments,
     output::OutputFolder,
@@ -141,7 +142,7 @@ pub fn perform(arguments: &Arguments, output: &OutputFolder) -> Result<()> {
     // The reference and its halves; for each sampler and budget, the first picture and its errors.
     memory::require_pictures(opened.part().width, opened.part().height, 4 + 2 * specs.len() * budgets.len())?;
     let stop = progress::stop_flag()?;
-    let device = (arguments.device == Device::Gpu).then(|| GraphicsDevice::open(&opened)).transpose()?;
+    let device = arguments.device.open(&opened)?;
     let mut entries = Vec::new();
     let mut preparation = Vec::new();
     for spec in specs {
@@ -271,14 +272,7 @@ fn prepare(
     note_surfaces(spec, opened)?;
     let FilePreparation { seconds, text } = FilePreparation::of(spec)?;
     let busy = progress::busy(&sampler);
-    let entry = match device {
-        Some(device) => {
-            let start = Instant::now();
-            let renderer = device.renderer(spec)?;
-            Entry::of_renderer(&sampler, renderer, seconds + start.elapsed().as_secs_f64())
-        }
-        None => Entry::open(&sampler, spec, seconds, (opened, budgets, stop))?,
-    };
+    let entry = Entry::open(&sampler, spec, seconds, (opened, device), (budgets, stop))?;
     drop(busy);
     let preparation = Preparation { sampler, seconds: entry.preparation(), text };
     Ok((entry, preparation))

@@ -9,7 +9,7 @@ use std::{
 use anyhow::{Result, ensure};
 use clap::Args;
 use glam::{Affine3A, Vec3A};
-use headtail_eval::{Budget, Choice, OpenedView, Renderer, Trial, part_text};
+use headtail_eval::{Budget, Choice, GraphicsDevice, OpenedView, Renderer, Trial, part_text};
 use headtail_render::{
     file,
     image::{Attribute, Channel, encode_layered_exr, latin_1, write_exr, write_png},
@@ -23,7 +23,7 @@ use crate::terminal::{self, say};
 use crate::{
     arguments::{ViewArguments, budget, note_surfaces, note_use, samplers_help},
     crop::Crop,
-    device::{DEVICES, Device, GraphicsDevice},
+    device::{DEVICES, Device},
     exposure,
     given::{given, one_of},
     light::LightArguments,
@@ -106,7 +106,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let opened = arguments.view.open_part(arguments.light, arguments.crop)?;
     memory::require_pictures(opened.part().width, opened.part().height, 0)?;
     let busy = progress::busy("sampler");
-    let device = (arguments.device == Device::Gpu).then(|| GraphicsDevice::open(&opened)).transpose()?;
+    let device = arguments.device.open(&opened)?;
     let start = Instant::now();
     let Prepared { sampler, renderer, choice } = match &device {
         // `auto` is chosen on the CPU, by the costs of samples there.

@@ -1,12 +1,15 @@
-"""Variance at equal time inside Mitsuba 3: `headtail_direct` against `direct` in its best form.
+"""Variance at equal time inside Mitsuba 3: `headtail_direct` against `direct` in its best form, or `headtail_path`
+against `path`.
 
     python benches/mitsuba/equal_time.py --data DATA
+    python benches/mitsuba/equal_time.py --data DATA --paths
 
 The views of `benches/peers/renderers/views.py`, diffuse and glossy, and the first of them with three area lights. Both
 integrators take multijittered points, and one or four samples per hit; `direct` samples the map with MIS compensation.
 The variance is that of RUNS pictures, so that none is another's reference, times the seconds of one. Ratios are those
 of the best form of `direct` in the picture over each form. The rows `rays` have the ratio of a sampler
 with the variance of `direct` that takes no time beside its rays, if variance falls as one over the number of samples.
+With --paths, light meets up to three surfaces.
 Needs mitsuba, numpy and headtail, and nothing else that runs. Prints a JSON list, and progress to the standard error.
 """
 
@@ -73,19 +76,37 @@ def lamps_above(look_from, look_at):
     return {f"lamp {k}": {"type": "rectangle", "to_world": place, "emitter": emitter} for k, place in enumerate(down)}
 
 
-def scene_of(opened, map, alpha, has_lamps, integrator, samples):
+def direct_of(integrator, samples):
+    return {"type": integrator, "shading_samples": samples}
+
+
+def path_of(integrator):
+    # The camera, three surfaces and the map.
+    return {"type": integrator, "max_depth": 4}
+
+
+# What is compared; those of Mitsuba first.
+DIRECT = [direct_of(*kind) for kind in itertools.product(("direct", "headtail_direct", "rays"), SAMPLES)]
+PATHS = [path_of("path"), path_of("headtail_path")]
+
+
+def name_of(kind):
+    return f"{kind['type']}, {kind['shading_samples']} per hit" if "shading_samples" in kind else kind["type"]
+
+
+def scene_of(opened, map, alpha, has_lamps, integrator):
     vertices, faces, look_from, look_at, fov = opened
     lamps = lamps_above(look_from, look_at) if has_lamps else {}
     return mi.load_dict({
         "type": "scene",
-        "integrator": {"type": integrator, "shading_samples": samples},
+        "integrator": integrator,
         "sensor": {
             "type": "perspective", "fov": fov, "fov_axis": "y",
             "to_world": mi.ScalarTransform4f().look_at(list(look_from), list(look_at), [0, 1, 0]),
             "film": {"type": "hdrfilm", "width": WIDTH, "height": HEIGHT, "rfilter": {"type": "box"}},
             "sampler": {"type": "multijitter"},
         },
-        "map": {"type": "envmap", "filename": str(map), "mis_compensation": integrator == "direct"},
+        "map": {"type": "envmap", "filename": str(map), "mis_compensation": integrator["type"] in ("direct", "path")},
         "mesh": mesh_of(vertices, faces, bsdf_of(alpha)), **lamps,
     })  # fmt: skip
 
@@ -122,25 +143,27 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", type=pathlib.Path, required=True, help="the folder with scenes/ and envmaps/")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--paths", action="store_true", help="compare headtail_path with path")
     settings = parser.parse_args()
+    kinds = PATHS if settings.paths else DIRECT
     dr.set_thread_count(settings.threads)
     rows = []
     for view, has_lamps in [(view, False) for view in views.VIEWS] + [(views.VIEWS[0], True)]:
         opened, map = views.opened(view, settings.data), settings.data / "envmaps" / f"{view.map}.hdr"
         for material in view.materials:
             picture = f"{view.name}, {material}{', three lamps' if has_lamps else ''}"
-            kinds = list(itertools.product(("direct", "headtail_direct", "rays"), SAMPLES))
-            scenes = [scene_of(opened, map, views.MATERIALS[material], has_lamps, *kind) for kind in kinds]
+            scenes = [scene_of(opened, map, views.MATERIALS[material], has_lamps, kind) for kind in kinds]
             forms = []
-            for (integrator, samples), (spp, seconds, variance, mean) in zip(kinds, measured(scenes)):
-                if integrator == "rays":
-                    form = forms[SAMPLES.index(samples)]
+            for kind, (spp, seconds, variance, mean) in zip(kinds, measured(scenes)):
+                if kind["type"] == "rays":
+                    form = forms[SAMPLES.index(kind["shading_samples"])]
                     variance, mean = form["variance"] * form["spp"] / spp, form["mean"]
                 forms.append({
-                    "picture": picture, "integrator": f"{integrator}, {samples} per hit", "spp": spp, "seconds": seconds,
+                    "picture": picture, "integrator": name_of(kind), "spp": spp, "seconds": seconds,
                     "variance": variance, "mean": mean, "version": mi.__version__, "threads": settings.threads,
                 })  # fmt: skip
-            best = min(form["variance"] * form["seconds"] for form in forms if form["integrator"].startswith("direct,"))
+            of_mitsuba = [form for form in forms if form["integrator"].startswith(("direct", "path"))]
+            best = min(form["variance"] * form["seconds"] for form in of_mitsuba)
             for form in forms:
                 form["ratio"] = best / (form["variance"] * form["seconds"])
                 print(picture, form["integrator"], f"{form['ratio']:.2f}", file=sys.stderr, flush=True)

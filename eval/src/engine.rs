@@ -15,7 +15,7 @@ use headtail_render::{
 };
 
 use crate::{
-    Budget, Error, Measurement, Noise, OpenedView, Reference, Renderer, Result,
+    Budget, Error, GraphicsDevice, Measurement, Noise, OpenedView, Reference, Renderer, Result,
     auto::{Choice, choose},
     calibration::{Calibration, calibrate},
     clock::with_processor_seconds,
@@ -59,16 +59,14 @@ impl Entry {
 
     /// Wraps an estimator and the seconds of its preparation.
     pub fn prepared(name: impl Into<String>, estimator: Box<dyn Estimator>, preparation: f64) -> Self {
-        Self::of_renderer(name, Box::new(estimator), preparation)
+        Self {
+            name: name.into(),
+            built: vec![Built { budget: None, renderer: Box::new(estimator), seconds: preparation }],
+        }
     }
 
-    /// Wraps a renderer with its sampler, and the seconds of its preparation.
-    pub fn of_renderer(name: impl Into<String>, renderer: Box<dyn Renderer>, preparation: f64) -> Self {
-        Self { name: name.into(), built: vec![Built { budget: None, renderer, seconds: preparation }] }
-    }
-
-    /// Opens a sampler by its SPEC; `auto` is chosen for each budget. `preparation` is the time of its files
-    /// in seconds.
+    /// Opens a sampler by its SPEC, on a graphics device if one is given; `auto` is chosen for each budget, by the
+    /// integrator on the CPU. `preparation` is the time of its files in seconds.
     ///
     /// # Errors
     /// If it cannot be prepared.
@@ -76,18 +74,25 @@ impl Entry {
         name: impl Into<String>,
         spec: &SamplerSpec,
         preparation: f64,
-        (view, budgets, stop): (&OpenedView, &[Budget], &AtomicBool),
+        (view, device): (&OpenedView, Option<&GraphicsDevice>),
+        (budgets, stop): (&[Budget], &AtomicBool),
     ) -> Result<Self> {
+        let start = Instant::now();
         if *spec.source() == Source::Auto {
             let choice = |&budget: &Budget| {
-                let Choice { estimator, seconds, .. } = choose(view, budget, stop)?;
-                Ok(Built { budget: Some(budget), renderer: Box::new(estimator), seconds })
+                let start = Instant::now();
+                let Choice { estimator, spec, .. } = choose(view, budget, stop)?;
+                let renderer = device.map_or_else(|| Ok(Box::new(estimator) as _), |device| device.renderer(&spec))?;
+                Ok(Built { budget: Some(budget), renderer, seconds: start.elapsed().as_secs_f64() })
             };
             return Ok(Self { name: name.into(), built: budgets.iter().map(choice).collect::<Result<_>>()? });
         }
-        let start = Instant::now();
-        let estimator = view.estimator(spec)?;
-        Ok(Self::prepared(name, estimator, preparation + start.elapsed().as_secs_f64()))
+        let renderer = match device {
+            Some(device) => device.renderer(spec)?,
+            None => Box::new(view.estimator(spec)?),
+        };
+        let seconds = preparation + start.elapsed().as_secs_f64();
+        Ok(Self { name: name.into(), built: vec![Built { budget: None, renderer, seconds }] })
     }
 
     /// Returns the longest preparation for any budget, in seconds.

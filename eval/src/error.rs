@@ -28,6 +28,9 @@ pub enum Error {
     /// A device failed.
     #[error("{0}")]
     Device(String),
+    /// A graphics device does not have a part of a scene, or a sampler.
+    #[error("{0}")]
+    NotOnDevice(String),
     /// The stop flag was set.
     #[error("interrupted {0}")]
     Interrupted(&'static str),

@@ -14,6 +14,9 @@ pub struct Experiment {
     /// Name: the stem of its file.
     #[serde(skip)]
     pub name: String,
+    /// Whether a graphics device renders, see [`Self::on_device`].
+    #[serde(skip)]
+    pub is_on_device: bool,
     /// The question that it answers.
     pub question: String,
     /// Width of pictures in pixels.
@@ -222,6 +225,17 @@ impl Experiment {
             return Err("runs and threads must be at least 1".into());
         }
         Ok(())
+    }
+
+    /// Returns the name of the measurements of the same experiment on a graphics device.
+    pub fn name_on_device(&self) -> String {
+        format!("{}-gpu", self.name)
+    }
+
+    /// Returns the same experiment on a graphics device, whose measurements have a name of their own. The reference is the CPU's.
+    #[must_use]
+    pub fn on_device(&self) -> Self {
+        Self { name: self.name_on_device(), is_on_device: true, ..self.clone() }
     }
 
     /// Returns the miniature, which takes seconds.

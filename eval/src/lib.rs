@@ -8,7 +8,7 @@
 //! | --- | --- |
 //! | `view.rs` | scene, camera and map of a picture, and the points of its samples |
 //! | `budget.rs`, `clock.rs` | samples or seconds; wall-clock and processor time |
-//! | `renderer.rs` | what renders: the CPU or a device |
+//! | `renderer.rs`, `device.rs` | what renders: the CPU or a graphics device |
 //! | `auto.rs` | the choice of a sampler for a view |
 //! | `reference.rs` | converged pictures, their noise and their cache |
 //! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
@@ -30,6 +30,7 @@ mod budget;
 mod calibration;
 mod clock;
 pub mod conformance;
+mod device;
 mod direction_statistics;
 mod engine;
 mod error;
@@ -55,12 +56,15 @@ mod view;
 pub use artifact::Artifact;
 pub use auto::{Choice, Trial, choose, need_no_pilot};
 pub use budget::Budget;
+pub use device::GraphicsDevice;
 pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
 pub use engine::{Entry, Plan, Run, Watch, measure};
 pub use error::{Error, Result};
 pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEntry, SceneEntry, ViewKey};
 pub use independent_runs::IndependentRuns;
-pub use measurement::{Environment as MeasurementEnvironment, Measurement, machine, mean_luminance, source_hash};
+pub use measurement::{
+    Environment as MeasurementEnvironment, Measurement, device_source_hash, machine, mean_luminance, source_hash,
+};
 pub use preparation::FilePreparation;
 pub use recording::{Output, RecordedCommand, Recording};
 pub use reference::{Noise, Reference, ReferencePolicy, covered, select};

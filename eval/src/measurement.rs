@@ -125,6 +125,9 @@ pub fn mean_luminance(image: &Image) -> f64 {
     sum / image.pixels.len() as f64
 }
 
+/// The instruction set of graphics devices.
+const SHADERS: &str = "wgsl";
+
 /// Machine and sources of measurements.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Environment {
@@ -151,12 +154,28 @@ impl Environment {
             threads: rayon::current_num_threads(),
         }
     }
+
+    /// Returns the environment of this process where a graphics device of this name renders.
+    pub fn of_device(name: String) -> Self {
+        let (sources, instruction_set) = (device_source_hash().to_owned(), SHADERS.to_owned());
+        Self { sources, machine: name, instruction_set, ..Self::current() }
+    }
+
+    /// Returns whether a graphics device rendered.
+    pub fn is_of_device(&self) -> bool {
+        self.instruction_set == SHADERS
+    }
 }
 
 /// Returns the hash of the sources that affect samples, pictures and their time, in 16 hexadecimal digits;
 /// comments, white space and tests do not count.
 pub fn source_hash() -> &'static str {
     env!("HEADTAIL_SOURCES")
+}
+
+/// Returns [`source_hash`] with the shaders, for pictures of graphics devices.
+pub fn device_source_hash() -> &'static str {
+    env!("HEADTAIL_DEVICE_SOURCES")
 }
 
 fn processor() -> &'static str {

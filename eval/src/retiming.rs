@@ -8,7 +8,11 @@ use std::{
 
 use crate::{
     Budget, Entry, Error, Experiment, MeasurementEnvironment, OpenedView, Record, Renderer, Result, RunOptions, Store,
-    ViewKey, Watch, clock::with_processor_seconds, experiment::SamplerEntry, runner, store::rounded,
+    ViewKey, Watch,
+    clock::with_processor_seconds,
+    experiment::SamplerEntry,
+    runner::{self, Opened},
+    store::rounded,
 };
 
 /// Renderings of each sampler at each budget, in turn: the shortest counts, since other work only adds to it.
@@ -61,7 +65,7 @@ pub fn retime(
         let samplers: Vec<&SamplerEntry> = experiment.samplers_for(&key).collect();
         let mine: Vec<&Record> = records.iter().filter(|own| is_mine(own, &key)).collect();
         let times = pool.install(|| {
-            let (view, entries) = runner::open(experiment, &key, &samplers, options, (stop, watch))?;
+            let Opened { view, entries, .. } = runner::open(experiment, &key, &samplers, options, (stop, watch))?;
             let budgets: Vec<Budget> = experiment.budgets.iter().map(|entry| entry.0).collect();
             times(&view, &entries, &budgets, &mine, stop)
         })?;

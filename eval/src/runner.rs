@@ -8,7 +8,7 @@ use std::{
 use headtail_render::statistics::sidak;
 
 use crate::{
-    Budget, Entry, Error, Experiment, Measurement, MeasurementEnvironment, OpenedView, Plan, Reference,
+    Budget, Entry, Error, Experiment, GraphicsDevice, Measurement, MeasurementEnvironment, OpenedView, Plan, Reference,
     ReferencePolicy, Result, Store, ViewKey, Watch, engine,
     experiment::{self, SamplerEntry},
 };
@@ -37,7 +37,7 @@ pub struct Outcome {
     pub measured: usize,
     /// Views measured earlier.
     pub known: usize,
-    /// Views with missing files.
+    /// Views with missing files, or that a graphics device cannot render.
     pub missing: Vec<ViewKey>,
 }
 
@@ -76,10 +76,13 @@ pub fn run(
             outcome.known += 1;
             continue;
         }
-        let (measurements, environment) = pool.install(|| {
-            let measured = measure_view(experiment, &key, &samplers, options, (stop, watch))?;
-            Ok::<_, Error>((measured, MeasurementEnvironment::current()))
-        })?;
+        let measured = pool.install(|| measure_view(experiment, &key, &samplers, options, (stop, watch)));
+        if let Err(error @ Error::NotOnDevice(_)) = &measured {
+            watch.warning(&error.to_string());
+            outcome.missing.push(key);
+            continue;
+        }
+        let (measurements, environment) = measured?;
         if stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted("while a view was measured; the same command goes on with it"));
         }
@@ -102,16 +105,26 @@ pub(crate) fn is_there(experiment: &Experiment, key: &ViewKey, options: &RunOpti
     [scene, map].into_iter().flatten().all(|file| experiment::is_there(file, &options.data))
 }
 
-/// Opens a view and its samplers. A sampler whose file cannot be made is skipped with a warning.
+/// A view with its samplers.
+pub(crate) struct Opened {
+    pub view: OpenedView,
+    pub entries: Vec<Entry>,
+    /// What the samplers are on, if the experiment is on a graphics device.
+    device: Option<GraphicsDevice>,
+}
+
+/// Opens a view and its samplers. A sampler is skipped with a warning if its file cannot be made, or if a graphics
+/// device does not have it.
 pub(crate) fn open(
     experiment: &Experiment,
     key: &ViewKey,
     samplers: &[&SamplerEntry],
     options: &RunOptions,
     (stop, watch): (&AtomicBool, &dyn Watch),
-) -> Result<(OpenedView, Vec<Entry>)> {
+) -> Result<Opened> {
     let settings = experiment.view(key, &options.data)?;
     let view = settings.open()?;
+    let device = experiment.is_on_device.then(|| GraphicsDevice::open(&view)).transpose()?;
     let budgets: Vec<Budget> = experiment.budgets.iter().map(|entry| entry.0).collect();
     let mut entries = Vec::new();
     'samplers: for sampler in samplers {
@@ -131,9 +144,12 @@ pub(crate) fn open(
                 preparation += seconds;
             }
         }
-        entries.push(Entry::open(&sampler.name, &spec.parse()?, preparation, (&view, &budgets, stop))?);
+        match Entry::open(&sampler.name, &spec.parse()?, preparation, (&view, device.as_ref()), (&budgets, stop)) {
+            Err(error @ Error::NotOnDevice(_)) => watch.warning(&format!("{} is left out: {error}", sampler.name)),
+            opened => entries.push(opened?),
+        }
     }
-    Ok((view, entries))
+    Ok(Opened { view, entries, device })
 }
 
 /// Returns the cache folder of references.
@@ -161,9 +177,9 @@ fn measure_view(
     samplers: &[&SamplerEntry],
     options: &RunOptions,
     (stop, watch): (&AtomicBool, &(dyn Watch + Sync)),
-) -> Result<Vec<Measurement>> {
+) -> Result<(Vec<Measurement>, MeasurementEnvironment)> {
     watch.message(&format!("{}: {} under {}, {}", experiment.name, key.scene, key.map, key.material));
-    let (view, entries) = open(experiment, key, samplers, options, (stop, watch))?;
+    let Opened { view, entries, device } = open(experiment, key, samplers, options, (stop, watch))?;
     let mut reference = reference(experiment, &view, options, stop)?;
     let plan = Plan {
         scene: key.scene.clone(),
@@ -183,5 +199,6 @@ fn measure_view(
             own.scene, own.env, own.material, own.sampler, own.budget, own.tile_p
         ));
     }
-    Ok(measured)
+    let on_device = device.map(|device| MeasurementEnvironment::of_device(device.name()));
+    Ok((measured, on_device.unwrap_or_else(MeasurementEnvironment::current)))
 }

@@ -4,13 +4,25 @@
 use std::{fs, path::Path};
 
 /// Folders and files of the repository whose code affects directions, densities, pictures or their time.
-pub const SOURCES: [&str; 4] = ["sampling/src", "render/src", "eval/src/auto.rs", "eval/src/view.rs"];
+pub const SOURCES: &[&str] = &["sampling/src", "render/src", "eval/src/auto.rs", "eval/src/view.rs"];
 
-/// Returns the hash of the sources of a repository as 16 hexadecimal digits. In a published package, the version stands
-/// for sources that are missing.
-pub fn hash(repository: &Path) -> String {
+/// The same, and those that are added where a graphics device renders.
+pub const DEVICE_SOURCES: &[&str] = &[
+    "sampling/src",
+    "render/src",
+    "eval/src/auto.rs",
+    "eval/src/view.rs",
+    "shaders/src",
+    "shaders/wgsl",
+    "gpu/src",
+    "gpu/wgsl",
+];
+
+/// Returns the hash of sources of a repository as 16 hexadecimal digits. In a published package, the version stands for
+/// sources that are missing.
+pub fn hash(repository: &Path, sources: &[&str]) -> String {
     let mut hasher = blake3::Hasher::new();
-    for source in SOURCES {
+    for source in sources {
         let path = repository.join(source);
         if path.exists() {
             add(&path, source, &mut hasher);
@@ -31,7 +43,9 @@ fn add(path: &Path, name: &str, hasher: &mut blake3::Hasher) {
             let part = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
             add(entry, &format!("{name}/{part}"), hasher);
         }
-    } else if path.extension().is_some_and(|extension| extension == "rs") && !name.ends_with("tests.rs") {
+    } else if path.extension().is_some_and(|extension| extension == "rs" || extension == "wgsl")
+        && !name.ends_with("tests.rs")
+    {
         let text = fs::read_to_string(path).unwrap_or_default();
         hasher.update(name.as_bytes()).update(code_of(&text).as_bytes());
     }
@@ -65,16 +79,27 @@ mod tests {
         assert!(all.iter().any(|folder| folder == "sampling/src/spec"));
         let copy = tempfile::tempdir().unwrap();
         all.iter().for_each(|folder| fs::create_dir_all(copy.path().join(folder)).unwrap());
-        let empty = hash(copy.path());
+        let empty = hash(copy.path(), SOURCES);
         for folder in all.iter().filter(|folder| !folder.contains("/tests")) {
             let file = copy.path().join(folder).join("added.rs");
             fs::write(&file, "fn added() {}\n").unwrap();
-            let added = hash(copy.path());
+            let added = hash(copy.path(), SOURCES);
             assert_ne!(added, empty, "{folder}");
             fs::write(&file, "// What it does.\nfn added()  {}\n\n#[cfg(test)]\nmod tests {\n}\n").unwrap();
-            assert_eq!(hash(copy.path()), added, "{folder}");
+            assert_eq!(hash(copy.path(), SOURCES), added, "{folder}");
             fs::remove_file(&file).unwrap();
         }
-        assert_eq!(hash(copy.path()), empty);
+        assert_eq!(hash(copy.path(), SOURCES), empty);
+    }
+
+    #[test]
+    fn shaders_change_the_hash_of_devices_alone() {
+        let copy = tempfile::tempdir().unwrap();
+        fs::create_dir_all(copy.path().join("shaders/wgsl")).unwrap();
+        let hashes = || [SOURCES, DEVICE_SOURCES].map(|sources| hash(copy.path(), sources));
+        let empty = hashes();
+        fs::write(copy.path().join("shaders/wgsl/added.wgsl"), "fn added() {}").unwrap();
+        let added = hashes();
+        assert!(added[0] == empty[0] && added[1] != empty[1]);
     }
 }

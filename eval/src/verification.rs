@@ -5,8 +5,12 @@ use std::{fmt, sync::atomic::AtomicBool};
 use headtail_render::integrator::Rendering;
 
 use crate::{
-    Budget, Experiment, Record, Result, RunOptions, Store, ViewKey, covered, experiment::SamplerEntry,
-    measurement::mean_luminance, runner, select, store::rounded,
+    Budget, Experiment, Record, Result, RunOptions, Store, ViewKey, covered,
+    experiment::SamplerEntry,
+    measurement::mean_luminance,
+    runner::{self, Opened},
+    select,
+    store::rounded,
 };
 
 /// Tolerance of the mean luminance.
@@ -50,7 +54,7 @@ pub fn verify(
     for key in (0..count).map(|k| &keys[k * keys.len() / count]) {
         let samplers: Vec<&SamplerEntry> = experiment.samplers_for(key).collect();
         pool.install(|| -> Result<()> {
-            let (view, entries) = runner::open(experiment, key, &samplers, options, (stop, &()))?;
+            let Opened { view, entries, .. } = runner::open(experiment, key, &samplers, options, (stop, &()))?;
             let mut reference = None;
             for entry in &entries {
                 for own in first.iter().filter(|own| own.view() == *key && own.sampler == entry.name) {

@@ -61,8 +61,9 @@ pub fn compare<'py>(
     let watch = Watch::new(progress);
     let measured = py.detach(|| {
         watch_over(&watch, |fraction| {
-            let place = (&view, &plan.budgets[..], &watch.stop);
-            let entries = samplers.iter().map(|sampler| entry(sampler.get(), place)).collect::<PyResult<Vec<_>>>()?;
+            let place = (&plan.budgets[..], &watch.stop);
+            let entries =
+                samplers.iter().map(|sampler| entry(sampler.get(), &view, place)).collect::<PyResult<Vec<_>>>()?;
             // For a given picture, a short rendering finds the covered pixels.
             let policy = ReferencePolicy::new(if given.is_some() { 64 } else { reference_spp }, seed);
             let mut reference = Reference::render(&view, policy, &watch.stop, &|_| {}).map_err(of_eval)?;
@@ -89,12 +90,12 @@ pub fn compare<'py>(
 }
 
 /// Builds a sampler. Its preparation includes the time to build it here and the times in its files.
-fn entry(sampler: &Sampler, place: (&OpenedView, &[Budget], &AtomicBool)) -> PyResult<Entry> {
+fn entry(sampler: &Sampler, view: &OpenedView, place: (&[Budget], &AtomicBool)) -> PyResult<Entry> {
     if let Some(spec) = sampler.spec.as_ref().filter(|spec| *spec.source() == Source::Auto) {
-        return Entry::open(&sampler.name, spec, 0.0, place).map_err(of_eval);
+        return Entry::open(&sampler.name, spec, 0.0, (view, None), place).map_err(of_eval);
     }
     let start = Instant::now();
-    let estimator = sampler.estimator(place.0)?;
+    let estimator = sampler.estimator(view)?;
     let built = start.elapsed().as_secs_f64();
     let files = match (&sampler.spec, &sampler.exported) {
         (Some(spec), _) => FilePreparation::of(spec).map_err(of_eval)?.seconds,

@@ -156,8 +156,8 @@ fn same_batches(
         [points, densities, weights, brdf, tails].map(Vec::clone)
     };
     for (list, (a, b)) in lists(&expected).iter().zip(&lists(&found)).enumerate() {
-        let is_apart = |(a, b): &(&f32, &f32)| !((*a - *b).abs() <= apart * a.abs().max(1e-2));
-        let far = a.iter().zip(b).filter(is_apart).count();
+        let is_near = |(a, b): &(&f32, &f32)| (*a - *b).abs() <= apart * a.abs().max(1e-2);
+        let far = a.len() - a.iter().zip(b).filter(is_near).count();
         if far as f32 > fraction * a.len() as f32 || a.len() != b.len() {
             return Err(format!("{name}, {material}, list {list}: {far} of {}", a.len()).into());
         }

@@ -113,7 +113,9 @@ impl Targets {
         for first in (0..self.shape.conditions).step_by(self.together) {
             let count = self.together.min(self.shape.conditions - first);
             gpu.queue.write_buffer(&self.stream, 20, bytemuck::bytes_of(&(first as u32)));
-            let submit = |Pass { pipeline, group }: &Pass, groups| drop(gpu.submit(pipeline, group, groups));
+            let submit = |Pass { pipeline, group }: &Pass, groups| {
+                gpu.submit(pipeline, group, groups);
+            };
             let points = spread(count * self.shape.samples());
             match &self.points {
                 Points::Strata(strata) => submit(strata, points),

@@ -105,10 +105,11 @@ impl<S: Surface> Target for TabulatedTarget<'_, S> {
         self.product.has_brdf_sampling()
     }
 
+    /// The table is the target, so the tail need not be exact.
     fn shader_target(&self) -> Option<ShaderTarget> {
-        let mut target = self.product.shader_target()?;
-        target.arrays.push(FlatArray::floats("light.cells", vec![ROWS, COLUMNS], self.light.clone()));
-        Some(target)
+        let surface = self.product.surface().in_shaders()?;
+        let light = FlatArray::floats("light.cells", vec![ROWS, COLUMNS], self.light.clone());
+        Some(ShaderTarget { arrays: [self.tail.flat(), vec![light]].concat(), surface, is_in_x: false })
     }
 
     /// All points are drawn from the table, and the table is the target: all points have the same weight.

@@ -31,7 +31,8 @@ use std::{
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, Parser, Subcommand};
 use headtail_eval::{
-    Experiment, Outcome, Record, Recording, RunOptions, Store, VerifiedSources, Watch, retime, run, source_hash, verify,
+    Experiment, Outcome, Record, Recording, RunOptions, Store, VerifiedSources, Watch, device_source_hash, retime, run,
+    source_hash, verify,
 };
 
 /// Measure experiments (results/*.toml) and build the pages of results.
@@ -94,9 +95,20 @@ enum Task {
         /// Measure miniatures and build the pages in memory only.
         #[arg(long)]
         quick: bool,
+        /// What renders. gpu: the fastest graphics adapter, into results/NAME-gpu.csv; references are the CPU's. Only
+        /// experiments run there, not recorded commands.
+        #[arg(long, value_enum, default_value = "cpu")]
+        device: Device,
         #[command(flatten)]
         files: Files,
     },
+}
+
+/// What renders.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Device {
+    Cpu,
+    Gpu,
 }
 
 /// Locations of input and cached files.
@@ -165,13 +177,13 @@ fn perform(arguments: &Arguments) -> Result<()> {
             Ok(())
         }
         Task::Verify { names, views, files } => {
-            let (plans, store) = (Plans::open(&folder)?.chosen(names)?, Store::new(&folder));
+            let (plans, store) = (Plans::open(&folder)?.on_cpu().chosen(names)?, Store::new(&folder));
             let pictures = verify_all(&plans, &store, &files.options()?, *views)?;
             // Only a check of all experiments shows that nothing changed.
             if names.is_empty() { keep_verified(&store, pictures) } else { Ok(()) }
         }
         Task::Time { names, files } => {
-            let (plans, store) = (Plans::open(&folder)?.chosen(names)?, Store::new(&folder));
+            let (plans, store) = (Plans::open(&folder)?.on_cpu().chosen(names)?, Store::new(&folder));
             let (stop, current) = (stop_flag()?, current_environments(&store)?);
             let is_valid = |own: &Record| current.contains(&own.environment);
             for experiment in
@@ -182,8 +194,12 @@ fn perform(arguments: &Arguments) -> Result<()> {
             }
             Ok(())
         }
-        Task::Run { names, stale, quick, files } => {
-            let (chosen, options) = (Plans::open(&folder)?.chosen(names)?, files.options()?);
+        Task::Run { names, stale, quick, device, files } => {
+            let (mut chosen, options) = (Plans::open(&folder)?.on_cpu().chosen(names)?, files.options()?);
+            if *device == Device::Gpu {
+                chosen.experiments = chosen.experiments.iter().map(Experiment::on_device).collect();
+                chosen.recordings.clear();
+            }
             if *quick {
                 return in_temporary_folder(|temporary| run_quickly(root, chosen, &options, temporary));
             }
@@ -239,7 +255,8 @@ fn verify_all(plans: &Plans, store: &Store, options: &RunOptions, views: usize) 
 
 /// Records that the data of all earlier sources are valid for the current ones.
 fn keep_verified(store: &Store, pictures: usize) -> Result<()> {
-    let mut earlier: Vec<String> = store.environments()?.into_iter().map(|(_, own)| own.sources).collect();
+    let environments = store.environments()?.into_iter().filter(|(_, own)| !own.is_of_device());
+    let mut earlier: Vec<String> = environments.map(|(_, own)| own.sources).collect();
     earlier.sort();
     earlier.dedup();
     earlier.retain(|sources| sources != source_hash());
@@ -277,7 +294,12 @@ fn measure(experiment: &Experiment, store: &Store, options: &RunOptions) -> Resu
     let outcome = run(experiment, store, options, (&stop, &progress)).with_context(|| experiment.name.clone())?;
     eprintln!("{}: {} views measured, {} known", experiment.name, outcome.measured, outcome.known);
     for key in &outcome.missing {
-        eprintln!("warning: {}: {} under {} is skipped: its files are missing", experiment.name, key.scene, key.map);
+        let why = if experiment.is_on_device {
+            "not on the device, or its files are missing"
+        } else {
+            "its files are missing"
+        };
+        eprintln!("warning: {}: {} under {} is skipped: {why}", experiment.name, key.scene, key.map);
     }
     Ok(outcome)
 }
@@ -301,10 +323,20 @@ impl Plans {
             if std::fs::read_to_string(&path)?.contains("[[commands]]") {
                 plans.recordings.push(Recording::open(&path)?);
             } else {
-                plans.experiments.push(Experiment::open(&path)?);
+                let experiment = Experiment::open(&path)?;
+                let on_device = experiment.on_device();
+                let is_measured = folder.join(format!("{}.csv", on_device.name)).exists();
+                plans.experiments.push(experiment);
+                plans.experiments.extend(is_measured.then_some(on_device));
             }
         }
         Ok(plans)
+    }
+
+    /// Returns those without measurements of graphics devices.
+    fn on_cpu(mut self) -> Self {
+        self.experiments.retain(|own| !own.is_on_device);
+        self
     }
 
     /// Returns those with the given names; all if there are none.
@@ -325,7 +357,7 @@ fn current_environments(store: &Store) -> Result<Vec<String>> {
     let (known, verified) = (store.environments()?, store.verified()?);
     let is_current = |sources: &str| {
         let same = verified.iter().any(|own| own.measured == sources && own.verified == source_hash());
-        sources == source_hash() || same
+        sources == source_hash() || sources == device_source_hash() || same
     };
     Ok(known.into_iter().filter(|(_, own)| is_current(&own.sources)).map(|(id, _)| id).collect())
 }
