@@ -146,11 +146,16 @@ fn same_batches(
     config.head.condition = condition_of(&config.material);
     (config.conditions, config.strata, config.brdf_samples) = (64, 12, 100);
     change(&mut config);
-    let target = build_target(&config, &tail, Viewpoints::Sphere)?;
+    same_batch(&config, &tail, (apart, fraction)).map_err(|reason| format!("{name}, {material}, {reason:?}").into())
+}
+
+/// As [`same_batches`], for one tail.
+fn same_batch(config: &FitConfig, tail: &Tail, (apart, fraction): (f32, f32)) -> Outcome {
+    let target = build_target(config, tail, Viewpoints::Sphere)?;
     let expected = Batch::draw(&*target, config.batch_shape(), config.seed, Purpose::Batch, 5)?;
     let head = Head::new(config.head, 0, &Backend::default().device()?)?;
     let found =
-        DeviceGradient::new(Gpu::open()?, &head)?.batch(&config, &*target, 5)?.ok_or("the target is in closed form")?;
+        DeviceGradient::new(Gpu::open()?, &head)?.batch(config, &*target, 5)?.ok_or("the target is in closed form")?;
     let lists = |batch: &Batch| {
         let Batch { points, densities, weights, brdf, tails, .. } = batch;
         [points, densities, weights, brdf, tails].map(Vec::clone)
@@ -159,7 +164,7 @@ fn same_batches(
         let is_near = |(a, b): &(&f32, &f32)| (*a - *b).abs() <= apart * a.abs().max(1e-2);
         let far = a.len() - a.iter().zip(b).filter(is_near).count();
         if far as f32 > fraction * a.len() as f32 || a.len() != b.len() {
-            return Err(format!("{name}, {material}, list {list}: {far} of {}", a.len()).into());
+            return Err(format!("list {list}: {far} of {}", a.len()).into());
         }
     }
     Ok(())
@@ -205,6 +210,17 @@ fn same_tabulated_targets_as_the_host() -> Outcome {
         same_batches(map, material, change, (2e-3, 1e-2))?;
     }
     Ok(())
+}
+
+/// The table is the target, so a device draws it also under a tail that is not exact.
+fn same_tabulated_targets_over_a_flow_as_the_host() -> Outcome {
+    let exact = Tail::of_environment(TailKind::Hierarchical, &Environment::open("studio")?)?;
+    let mut config = FitConfig { points: Points::Tabulated, tail: TailKind::Flow, ..short_run(GradientForm::Fused) };
+    (config.flow.steps, config.flow.cells) = (20, 64);
+    let interrupt = AtomicBool::new(false);
+    let run = Run { progress: &mut |_: &Progress| Ok(()), interrupt: &interrupt, checkpoints: None, warn: &mut |_| {} };
+    let tail = fit_flow(&config, &exact, run)?.tail;
+    same_batch(&config, &tail, (2e-3, 1e-2))
 }
 
 /// A run of ten steps, with a norm that clips most gradients.
@@ -353,6 +369,7 @@ fn main() {
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
         Trial::test("same_targets_over_patches_as_the_host", same_targets_over_patches_as_the_host),
         Trial::test("same_tabulated_targets_as_the_host", same_tabulated_targets_as_the_host),
+        Trial::test("same_tabulated_targets_over_a_flow_as_the_host", same_tabulated_targets_over_a_flow_as_the_host),
         Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),
         Trial::test("same_bytes_however_steps_are_grouped", same_bytes_however_steps_are_grouped),
         Trial::test("a_run_moves_between_host_and_device", a_run_moves_between_host_and_device),

@@ -81,7 +81,9 @@ impl Targets {
         };
         let [floats, integers, stream_at] = [(0, &floats), (1, &integers), (4, &stream)];
         let [batch, arena] = [(2, batch), (3, arena)];
-        let all = [floats, integers, batch, arena, stream_at];
+        // Flow tails have no integers: an empty buffer cannot be bound.
+        let integers = (!shader.integers.is_empty()).then_some(integers);
+        let all: Vec<_> = [floats, batch, arena, stream_at].into_iter().chain(integers).collect();
         let (points, together) = match target.arrays.iter().find(|array| array.name == "light.cells") {
             None => (Points::Strata(pass("place_strata", &all)), shape.conditions),
             Some(FlatArray { shape: cells, .. }) => {
