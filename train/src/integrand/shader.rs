@@ -5,7 +5,8 @@ use headtail_render::flat::FlatArray;
 /// A surface in closed form seen through a tail.
 #[derive(Clone, Debug)]
 pub struct ShaderTarget {
-    /// The arrays of an exact tail, of patches if there are any, and `light.cells` for points from tables.
+    /// The arrays of the tail, of patches if there are any, and `light.cells` for points from tables; without these, the
+    /// tail is exact.
     pub arrays: Vec<FlatArray>,
     /// The surface.
     pub surface: ShaderSurface,

@@ -39,8 +39,8 @@ pub trait Target: Sync {
         0.0
     }
 
-    /// Describes the target to shaders that draw it as [`place`](Self::place) does by default; `None` for one that
-    /// they do not know.
+    /// Describes the target to shaders that draw it as [`place`](Self::place) does; `None` for one that they do not
+    /// know.
     fn shader_target(&self) -> Option<ShaderTarget> {
         None
     }
