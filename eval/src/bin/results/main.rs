@@ -97,7 +97,7 @@ enum Task {
         quick: bool,
         /// What renders. gpu: the fastest graphics adapter, into results/NAME-gpu.csv; references are the CPU's. Only
         /// experiments run there, not recorded commands.
-        #[arg(long, value_enum, default_value = "cpu")]
+        #[arg(long, value_enum, default_value = "cpu", conflicts_with = "quick")]
         device: Device,
         #[command(flatten)]
         files: Files,
