@@ -1,6 +1,6 @@
 //! `--device`: pictures by the CPU or by a graphics device.
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use headtail_eval::{GraphicsDevice, OpenedView};
 
 use crate::terminal::note;
@@ -25,7 +25,7 @@ impl Device {
         if self == Self::Cpu {
             return Ok(None);
         }
-        let device = GraphicsDevice::open(view)?;
+        let device = GraphicsDevice::open(view).context("--device gpu")?;
         if device.is_software() {
             note!("{} computes in software; --device cpu is faster", device.name());
         }
