@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use anyhow::{Result, bail};
 use clap::Args;
 use headtail_render::{
-    export::{ExportedSampler, flat_exported, flat_patches},
+    export::{ExportedSampler, flat_exported, flat_patches, flat_portals},
     file::replace,
     patches::Detail,
     path_text::path_of,
+    portals,
     tail::{Tail, TailKind},
 };
 use headtail_shaders::{Shader, Target};
@@ -23,15 +24,16 @@ use crate::terminal::{say, warning};
 #[command(after_help = "Examples:
   headtail export out/room/direct.safetensors --target wgsl --out out/room/shader
   headtail export patches --env room.hdr --target spirv --out out/room/shader
+  headtail export portals:out/room/portals.json --env room.hdr --target wgsl --out out/room/shader
 
 DIR/headtail.EXT has the functions headtail_sample, headtail_pdf and headtail_share and, as an example, a compute shader headtail_draw. \
 DIR/floats.bin and DIR/integers.bin are the buffers of bindings 0 and 1 (little-endian, 32 bits), DIR/layout.json says what lies where. \
-There are shaders of tables and heads over every tail, of patches, and of heads over them.")]
+There are shaders of tables and heads over every tail, of patches, of heads over them, and of portals.")]
 pub struct Arguments {
-    /// Table of `bake`, head of `fit`, or patches or patches:fine, which need --env.
-    #[arg(value_name = "FILE|patches", value_parser = given::<String>())]
+    /// Table of `bake`, head of `fit`, or patches, patches:fine or portals:FILE (`inspect --portals`), which need --env.
+    #[arg(value_name = "FILE|patches|portals:FILE", value_parser = given::<String>())]
     sampler: String,
-    /// Map of patches, or the map that FILE must be for.
+    /// Map of patches or portals, or the map that FILE must be for.
     /// A built-in environment or a .hdr or .exr file.
     #[arg(long, value_name = "MAP", value_parser = given::<String>())]
     env: Option<String>,
@@ -64,12 +66,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         "patches:fine" => Some(Detail::Twigs),
         _ => None,
     };
-    let arrays = match (detail, &arguments.env) {
-        (Some(detail), Some(map)) => {
+    let portals = arguments.sampler.strip_prefix("portals:").map(path_of);
+    let arrays = match (detail, portals, &arguments.env) {
+        (Some(detail), _, Some(map)) => {
             flat_patches(&Tail::of_environment(TailKind::Hierarchical, &*open_environment(map)?)?, detail)?
         }
-        (Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
-        (None, map) => {
+        (None, Some(file), Some(map)) => flat_portals(&portals::read(&file)?, &*open_environment(map)?)?,
+        (Some(_), ..) | (_, Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
+        (None, None, map) => {
             let file = path_of(&arguments.sampler);
             let exported = ExportedSampler::read(&file)?;
             if let Some(map) = map {

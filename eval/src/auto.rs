@@ -16,7 +16,6 @@ use headtail_render::{
     integrator::{Rendering, View, learn_visibility},
     points::PointSet,
     portals::{Portal, Portals, openness},
-    scene::{Camera, Scene},
     spec::SamplerSpec,
 };
 
@@ -199,12 +198,7 @@ fn portals(view: &OpenedView, budget: Budget) -> Option<Vec<Portal>> {
     // A sample costs about as much as one of `mis` for each of its directions.
     let affordable = SEARCH_FRACTION * samples_of(view, budget, f64::from(DIRECTIONS), SECONDS_PER_SAMPLE);
     // Without shadow rays all light passes through walls.
-    if view.unshadowed || SEARCH > affordable { None } else { portals_of_room(scene, camera) }
-}
-
-/// Returns the portals of a room, if they need no pilot.
-fn portals_of_room(scene: &Scene, camera: &Camera) -> Option<Vec<Portal>> {
-    if openness(scene, camera, STEPS[0]) > OPEN {
+    if view.unshadowed || SEARCH > affordable || openness(scene, camera, STEPS[0]) > OPEN {
         return None;
     }
     let found = Portals::find(scene, camera).ok()?;
@@ -284,7 +278,7 @@ mod tests {
     use glam::{Vec3, Vec3A};
     use headtail_render::{
         environment::Environment,
-        scene::{Material, Mesh},
+        scene::{Camera, Material, Mesh, Scene},
     };
 
     use super::*;

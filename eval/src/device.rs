@@ -57,7 +57,8 @@ impl GraphicsDevice {
     /// # Errors
     /// If the shaders do not have it, or the device fails.
     pub fn renderer(&self, spec: &SamplerSpec) -> Result<Box<dyn Renderer>> {
-        let program = headtail_gpu::Program::new(&self.scene, spec)?;
+        let program =
+            self.view.with_context(spec, |context| headtail_gpu::Program::new(&self.scene, spec, context))??;
         let renderer = headtail_gpu::Renderer::new(self.gpu.clone(), &self.scene, &program)?;
         Ok(Box::new(match program.has_visibility {
             true => renderer.with_visibility(self.view.learned_visibility(spec)?),

@@ -215,10 +215,17 @@ impl OpenedView {
     /// # Errors
     /// If a file of the SPEC cannot be used here, or portals without a file are not found.
     pub fn estimator(&self, spec: &SamplerSpec) -> Result<Box<dyn Estimator>> {
-        match spec.source() {
-            Source::Portals(None) => self.estimator_through(&self.portals()?.portals, spec),
-            _ => self.estimator_through(&[], spec),
-        }
+        self.with_context(spec, |context| Ok(spec.build_in(&self.environment, context)?))?
+    }
+
+    /// Calls a function with what samplers of a SPEC are built for here; finds portals where the SPEC needs these and names
+    /// no file.
+    ///
+    /// # Errors
+    /// If portals without a file are not found.
+    pub fn with_context<T>(&self, spec: &SamplerSpec, work: impl FnOnce(BuildContext<'_>) -> T) -> Result<T> {
+        let found = matches!(spec.source(), Source::Portals(None)).then(|| self.portals()).transpose()?;
+        Ok(work(self.build_context(found.as_ref().map_or(&[], |found| &found.portals))))
     }
 
     /// Builds the estimator of a SPEC, with known portals of this view for SPECs of portals without a file.

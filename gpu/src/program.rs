@@ -2,7 +2,13 @@
 
 use std::{fmt::Write, sync::Arc};
 
-use headtail_render::{environment::Environment, memory, points::Dimension, scene::Scene, spec::SamplerSpec};
+use headtail_render::{
+    environment::Environment,
+    memory,
+    points::Dimension,
+    scene::Scene,
+    spec::{BuildContext, SamplerSpec},
+};
 use headtail_shaders::{BRDF, Shader};
 
 use crate::{error::Result, geometry::Geometry, map, sampler::DeviceSampler, surfaces::Surfaces};
@@ -108,18 +114,18 @@ pub struct Program {
     pub integers: Vec<u32>,
     /// The groups of numbers of a light estimate.
     pub groups: Vec<Dimension>,
-    /// Whether it reads weights of visibility, which are learned before each picture.
+    /// Whether it reads weights of visibility, of a file or learned before each picture.
     pub has_visibility: bool,
 }
 
 impl Program {
-    /// Makes the program of a sampler.
+    /// Makes the program of a sampler; of the context, it reads the portals.
     ///
     /// # Errors
-    /// If the shaders do not have the SPEC, or its file is for another map.
-    pub fn new(scene: &LitScene, spec: &SamplerSpec) -> Result<Self> {
+    /// If the shaders do not have the SPEC, its file is for another map, or there are no portals.
+    pub fn new(scene: &LitScene, spec: &SamplerSpec, context: BuildContext<'_>) -> Result<Self> {
         let LitScene { geometry, surfaces, environment, .. } = scene;
-        let sampler = DeviceSampler::new(spec, environment)?;
+        let sampler = DeviceSampler::new(spec, environment, context)?;
         let groups = sampler.groups();
         let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays, sampler.weights)?;
         let constants = [
@@ -153,6 +159,8 @@ impl Program {
 
 #[cfg(test)]
 mod tests {
+    use glam::Vec3A;
+    use headtail_render::portals::Portal;
     use headtail_shaders::Target;
 
     use super::*;
@@ -176,9 +184,15 @@ mod tests {
             "split:4:patches+vis".into(),
             format!("head:{head}"),
             format!("head+mis:{head}"),
+            "mis2:portals".into(),
+            "split:4:portals+mis".into(),
+            "patches+vis:seen.safetensors".into(),
         ];
+        let portals = [Portal { center: Vec3A::X, normal: Vec3A::NEG_X, up: Vec3A::Y, width: 1.0, height: 2.0 }];
+        let context = BuildContext { portals: &portals, ..BuildContext::default() };
         for spec in specs {
-            let Program { source, floats, integers, .. } = Program::new(&scene, &spec.parse().unwrap()).unwrap();
+            let program = Program::new(&scene, &spec.parse().unwrap(), context).unwrap();
+            let Program { source, floats, integers, .. } = program;
             let shader = Shader { source, floats, integers, layout: String::new() };
             shader.translate(Target::Spirv).unwrap_or_else(|error| panic!("{spec}: {error}"));
         }
@@ -187,10 +201,14 @@ mod tests {
     #[test]
     fn uncovered_parts_are_named() {
         let scene = lit("sphere");
-        for spec in ["auto", "patches+vis:seen.safetensors", "oracle", "mis2:portals"] {
-            let error = Program::new(&scene, &spec.parse::<SamplerSpec>().unwrap()).unwrap_err().to_string();
-            assert!(error.contains(spec) && error.contains("not rendered on a device"), "{error}");
+        for spec in ["auto", "oracle"] {
+            let spec: SamplerSpec = spec.parse().unwrap();
+            let error = Program::new(&scene, &spec, BuildContext::default()).unwrap_err().to_string();
+            assert!(error.contains(&spec.to_string()) && error.contains("not rendered on a device"), "{error}");
         }
+        let portals = "mis2:portals".parse().unwrap();
+        let error = Program::new(&scene, &portals, BuildContext::default()).unwrap_err().to_string();
+        assert!(error.contains("no scene to find them in"), "{error}");
         let material = "neural:../checkpoints/satin.safetensors".parse::<headtail_render::scene::MaterialSpec>();
         let cloth = Scene::open("cloth").unwrap();
         let bounds = cloth.bounds();

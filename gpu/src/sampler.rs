@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use headtail_render::{
     environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches, flat_portals},
     flat::FlatArray,
     head::Condition,
     points::Dimension,
     sampler::{EmitterSampler, EnvironmentLight},
-    spec::{Combiner, Companion, FileKind, SamplerSpec, Source, Visibility},
+    spec::{BuildContext, Combiner, Companion, FileKind, SamplerSpec, Source, Visibility},
     tail::TailKind,
 };
 use headtail_shaders::UNOCCLUDED;
@@ -41,15 +41,12 @@ pub struct DeviceSampler {
 }
 
 impl DeviceSampler {
-    /// Makes the arrays of a SPEC for a map.
+    /// Makes the arrays of a SPEC for a map and what else is known of a scene.
     ///
     /// # Errors
     /// If devices do not have the SPEC, or its file is for another map.
-    pub fn new(spec: &SamplerSpec, environment: &Arc<Environment>) -> Result<Self> {
+    pub fn new(spec: &SamplerSpec, environment: &Arc<Environment>, context: BuildContext<'_>) -> Result<Self> {
         let not_covered = |instead| Error::NotCovered { what: format!("sampler '{spec}'"), instead };
-        if matches!(spec.visibility(), Visibility::File(_)) {
-            return Err(not_covered("learn visibility before the picture: +vis without a file"));
-        }
         let combiner = spec.combiner();
         if matches!(combiner, Combiner::Ris(_)) && environment.has_extreme_lamps() {
             return Err(not_covered("under a map with such lamps, choose mis2-comp or patches"));
@@ -74,7 +71,8 @@ impl DeviceSampler {
                 (arrays, *kind == FileKind::HeadOverPatches, is_head)
             }
             Source::Auto => return Err(not_covered("choose split:3:mis2-comp or split:4:patches+vis")),
-            Source::Oracle | Source::Portals(_) | Source::Rival(..) => {
+            Source::Portals(_) => (flat_portals(&spec.portals(context)?, environment)?, false, false),
+            Source::Oracle | Source::Rival(..) => {
                 return Err(not_covered("choose mis2-comp, patches, or a head"));
             }
         };
@@ -90,7 +88,7 @@ impl DeviceSampler {
             Combiner::TwoSampleMis(_) => TWO_SAMPLE_MIS,
             Combiner::Ris(_) => RIS,
         });
-        let has_visibility = *spec.visibility() == Visibility::Learned;
+        let has_visibility = *spec.visibility() != Visibility::None;
         sources.extend((!has_visibility).then_some(NO_CELLS));
         Ok(Self {
             arrays,

@@ -2,6 +2,7 @@
 
 fn headtail_begin(at: HeadtailPoint) {
     headtail_find_cell(at.p, at.ns);
+    headtail_position = at.p;
     headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
 }
 

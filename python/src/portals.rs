@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use glam::{Affine3A, Mat3, Vec3, Vec3A};
 use headtail_eval::need_no_pilot;
 use headtail_render::{
-    portals::{Portal, PortalSampler, Portals, read},
+    export::flat_portals,
+    portals::{Portal, Portals, read},
     scene::{Camera, Material, Mesh, Scene},
-    tail::{Tail, TailKind},
 };
 use numpy::PyReadonlyArray2;
 use pyo3::{prelude::*, types::PyDict};
@@ -78,8 +78,7 @@ pub fn portal_arrays<'py>(
     let motion = Affine3A::from_mat3(Mat3::from_cols_array_2d(&to_map).transpose());
     let arrays = py.detach(|| {
         let portals: Vec<_> = portals.iter().map(|own| portal(own).moved(&motion)).collect();
-        let tail = Tail::of_environment(TailKind::Hierarchical, &map)?;
-        Ok([tail.flat(), PortalSampler::new(&portals, &map).flat()].concat())
+        flat_portals(&portals, &map)
     });
     dictionary(py, arrays.map_err(of_render)?)
 }

@@ -12,7 +12,7 @@
 //! | `brdf.wgsl` | diffuse and microfacet surfaces |
 //! | `patches.wgsl`, `unoccluded.wgsl`, `table.wgsl` | patches and their weights; tables |
 //! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
-//! | `tail_alone.wgsl`, `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
+//! | `tail_alone.wgsl`, `portals.wgsl`, `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
 //! | `example.wgsl` | a compute shader as an example |
 //! | `train/` | gradients of heads, see [`training`] |
 
@@ -89,6 +89,7 @@ const ROW_COLUMN: &str = include_str!("../wgsl/row_column.wgsl");
 const FLOW: &str = include_str!("../wgsl/flow.wgsl");
 const PATCHES: &str = include_str!("../wgsl/patches.wgsl");
 const PATCHES_ALONE: &str = include_str!("../wgsl/patches_alone.wgsl");
+const PORTALS: &str = include_str!("../wgsl/portals.wgsl");
 const TABLE: &str = include_str!("../wgsl/table.wgsl");
 const NETWORK: &str = include_str!("../wgsl/network.wgsl");
 const RATIONAL_QUADRATIC: &str = include_str!("../wgsl/rational_quadratic.wgsl");
@@ -100,7 +101,8 @@ const EXAMPLE: &str = include_str!("../wgsl/example.wgsl");
 
 impl Shader {
     /// Builds the shader of a sampler's arrays (see [`headtail_sampling::export::flat_patches`],
-    /// [`headtail_sampling::export::flat_exported`] and, for emitter sampling, [`headtail_sampling::tail::Tail::flat`]), with an example of use.
+    /// [`headtail_sampling::export::flat_exported`], [`headtail_sampling::export::flat_portals`] and, for emitter sampling,
+    /// [`headtail_sampling::tail::Tail::flat`]), with an example of use.
     ///
     /// # Errors
     /// If the arrays are not those of a sampler, or hold more numbers than a device can address.
@@ -280,6 +282,11 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
         constant("table_rows", table[1]);
         constant("table_columns", table[2]);
         return Ok(vec![TABLE]);
+    }
+    if let Ok(portals) = shape_of(arrays, "portals.rectangles") {
+        constant("openings", portals[0]);
+        constant("portal_pixels", shape_of(arrays, "portals.sums")?[1] - 1);
+        return Ok(vec![PORTALS]);
     }
     let patches = shape_of(arrays, "patches.clusters");
     let Ok(layers) = integers_of(arrays, "head.layers") else {

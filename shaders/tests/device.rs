@@ -15,9 +15,10 @@ use headtail_sampling::{
     brdf::{Ggx, Lambert},
     columns::Arena,
     environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches, flat_portals},
     head::{Condition, Head, Linear, Mode},
     patches::{Detail, PatchSampler},
+    portals::{Portal, PortalSampler},
     random::{Purpose, Stream},
     sampler::{EnvironmentLight, Sampler, prepared},
     simd::LANES,
@@ -30,7 +31,7 @@ use headtail_shaders::{
     gpu::{Gpu, GpuError},
 };
 
-use draw::{Answer, Program, Query, queries};
+use draw::{Answer, Program, Query, position, queries};
 
 /// Number of points of samplers in closed form, and of heads, which are slow on software adapters.
 const COUNT: usize = 1 << 18;
@@ -57,7 +58,8 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     let u: Vec<[f32; 2]> = queries.iter().map(|q| [q.u, q.v]).collect();
     let given: Vec<[f32; 3]> = queries.iter().map(|q| [q.wi[0], q.wi[1], q.wi[2]]).collect();
     let surface = if glossy { SurfaceList::Glossy { alpha: &alphas, f0: &[1.0] } } else { SurfaceList::Diffuse };
-    let at = PointList { p: &[], n: &n, wo: &wo, surface };
+    let p: Vec<[f32; 3]> = queries.iter().map(position).collect();
+    let at = PointList { p: &p, n: &n, wo: &wo, surface };
     let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();
     batch::pdf(sampler, &at, &given, &mut of_given).unwrap();
@@ -155,6 +157,30 @@ impl Spread {
             }
         }
         Self(spread)
+    }
+}
+
+/// Of three portals, two share a map, two overlap, and some points are behind each.
+#[test]
+fn shaders_of_portals_match_the_native_sampler() {
+    let window = |center: [f32; 3], normal, [width, height]: [f32; 2]| Portal {
+        center: center.into(),
+        normal,
+        up: Vec3A::Y,
+        width,
+        height,
+    };
+    let portals = [
+        window([1.5, 0.2, 0.0], Vec3A::NEG_X, [2.0, 1.5]),
+        window([2.5, 0.0, 0.4], Vec3A::NEG_X, [3.0, 2.5]),
+        window([0.3, 0.6, -1.8], Vec3A::new(0.6, 0.0, 0.8), [0.7, 0.9]),
+    ];
+    for name in ["studio", "sunset"] {
+        let map = Arc::new(Environment::open(name).unwrap());
+        let shader = Shader::new(&flat_portals(&portals, &map).unwrap()).unwrap();
+        let light = EnvironmentLight::new(map.clone(), TailKind::Hierarchical).unwrap();
+        let native = PortalSampler::new(&portals, &map).beside_emitter(light);
+        compare(&format!("portals under {name}"), &shader, &native, COUNT, false);
     }
 }
 

@@ -2,11 +2,13 @@
 
 use std::{env, fs, path::Path, process::Command};
 
+use glam::Vec3A;
 use headtail_sampling::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
-    export::{ExportedSampler, Intermediate, flat_exported, flat_patches},
+    export::{ExportedSampler, Intermediate, flat_exported, flat_patches, flat_portals},
     patches::Detail,
+    portals::Portal,
     tail::{Tail, TailKind},
 };
 use headtail_shaders::{Shader, Target};
@@ -19,12 +21,14 @@ fn shaders() -> Vec<Shader> {
     let head = ExportedSampler::read(Path::new("../checkpoints/studio-head.safetensors")).unwrap();
     let over_patches = head.clone().over_patches(Detail::Leaves);
     let row_column = ExportedSampler::new(head.intermediate.clone(), TailKind::RowColumn, &map, None).unwrap();
+    let window = Portal { center: Vec3A::X, normal: Vec3A::NEG_X, up: Vec3A::Y, width: 1.0, height: 2.0 };
     let arrays = [
         flat_patches(&tail, Detail::Leaves),
         flat_exported(&exported),
         flat_exported(&head),
         flat_exported(&over_patches),
         flat_exported(&row_column),
+        flat_portals(&[window], &map),
     ];
     arrays.into_iter().map(|arrays| Shader::new(&arrays.unwrap()).unwrap()).collect()
 }

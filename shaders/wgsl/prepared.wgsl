@@ -5,6 +5,9 @@
 // its reflectance at normal incidence, its width; (1, 0, 1, 1) for a diffuse surface.
 struct HeadtailSurface { n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32> }
 
+// The position of the point in metres, which only portals read: to be set before it is prepared.
+var<private> headtail_position: vec3<f32>;
+
 // The point that was prepared.
 var<private> headtail_at: HeadtailSurface;
 

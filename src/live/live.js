@@ -75,7 +75,6 @@
     });
     resources = {};
     for (const [name, packed] of Object.entries(content.scene)) resources[name] = buffer(await unpack(packed), GPUBufferUsage.STORAGE);
-    resources.Visibility = buffer(new Uint32Array(8), GPUBufferUsage.STORAGE);
     const film = () => device.createBuffer({ size: 48 * width * height, usage: GPUBufferUsage.STORAGE | GPUBufferUsage.COPY_SRC | GPUBufferUsage.COPY_DST });
     films = { left: film(), right: film(), reference: film() };
     const format = navigator.gpu.getPreferredCanvasFormat();
@@ -109,8 +108,9 @@
         const pipeline = await device.createComputePipelineAsync({
           layout: device.createPipelineLayout({ bindGroupLayouts: [layout] }), compute: { module, entryPoint: "headtail_render" },
         });
-        const [floats, integers, numbers] = await Promise.all([own.Floats, own.Integers, own.numbers].map(unpack));
-        const buffers = { ...resources, Floats: buffer(floats, GPUBufferUsage.STORAGE), Integers: buffer(integers, GPUBufferUsage.STORAGE) };
+        const buffers = { ...resources };
+        for (const name of ["Floats", "Integers", "Visibility"]) buffers[name] = buffer(await unpack(own[name]), GPUBufferUsage.STORAGE);
+        const numbers = await unpack(own.numbers);
         const size = 4 * Math.max(HEADER + Math.ceil(numbers.length / round) * MOST_AT_ONCE, 32);
         return { pipeline, buffers, numbers, perSample: numbers.length / round, size };
       })());

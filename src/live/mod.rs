@@ -7,12 +7,12 @@ use base64::{Engine, engine::general_purpose::STANDARD};
 use clap::Args;
 use flate2::{Compression, write::GzEncoder};
 use headtail_eval::{Budget, OpenedView};
-use headtail_gpu::{BINDINGS, LitScene, Program, ViewWords};
+use headtail_gpu::{BINDINGS, LitScene, Program, ViewWords, visibility_words};
 use headtail_render::{
     file,
     integrator::View,
     points::{PointSet, Points},
-    spec::SamplerSpec,
+    spec::{SamplerSpec, Visibility},
 };
 use maud::{Markup, PreEscaped, html};
 use serde_json::{Value, json};
@@ -115,8 +115,15 @@ fn page(opened: &OpenedView, specs: &[&SamplerSpec]) -> Result<String> {
 
 /// Returns a sampler's program and the numbers of a round of its samples.
 fn sampler(opened: &OpenedView, scene: &LitScene, spec: &SamplerSpec) -> Result<Value> {
-    let program = Program::new(scene, spec)?;
-    ensure!(!program.has_visibility, "sampler '{spec}': visibility depends on the view, which turns; leave out +vis");
+    let program = opened.with_context(spec, |context| Program::new(scene, spec, context))??;
+    ensure!(
+        *spec.visibility() != Visibility::Learned,
+        "sampler '{spec}': learned visibility depends on the view, which turns; name a file of bake --visibility, or leave out +vis"
+    );
+    let visibility = match program.has_visibility {
+        true => opened.learned_visibility(spec)?.flat_precomputed(),
+        false => None,
+    };
     let points = Points::new(PointSet::Lattice { samples: SAMPLES }, 0);
     let view = opened.view();
     let numbers = ViewWords::new(&view, view.whole(), points, (0, SAMPLES), &program.groups);
@@ -125,6 +132,7 @@ fn sampler(opened: &OpenedView, scene: &LitScene, spec: &SamplerSpec) -> Result<
         "source": program.source,
         "Floats": packed(&words(&program.floats))?,
         "Integers": packed(&program.integers)?,
+        "Visibility": packed(&visibility_words(visibility.as_ref()))?,
         "numbers": packed(numbers.numbers())?,
     }))
 }

@@ -12,12 +12,15 @@ use headtail_gpu::{LitScene, Program, Renderer};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
     environment::Environment,
+    estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
     image::Image,
-    integrator::{self, Budget, Rendering, View},
+    integrator::{self, Budget, Rendering, View, learn_visibility},
+    patches::Detail,
     points::{PointSet, Points},
+    portals::Portals,
     scene::{Material, MaterialSpec, Scene},
-    spec::{BuildContext, SamplerSpec},
+    spec::{BuildContext, SamplerSpec, Source},
     tail::{Tail, TailKind},
 };
 use headtail_shaders::gpu::Gpu;
@@ -51,10 +54,12 @@ const GGX: Option<&str> = Some("ggx:alpha=0.2..0.6");
 
 /// Stands for the file of a table for the case's map.
 const TABLE: &str = "{table}";
+/// Stands for a file of visibility of the case's scene under its map.
+const VISIBILITY: &str = "{visibility}";
 /// The scene of `furnished.rs`.
 const FURNISHED: &str = "furnished";
 
-const CASES: [Case; 17] = [
+const CASES: [Case; 20] = [
     case("temple", "studio", LAMBERT, "brdf"),
     case("temple", "studio", LAMBERT, "head+mis:../checkpoints/studio-head.safetensors"),
     case("temple", "sunset", LAMBERT, "split:2:direct+mis:{table}"),
@@ -68,7 +73,10 @@ const CASES: [Case; 17] = [
     case("droid", "studio", None, "split:2:mis-comp"),
     case("arcade", "window", LAMBERT, "split:4:patches+vis"),
     case("arcade", "sunset", GGX, "patches+vis"),
+    case("arcade", "window", LAMBERT, "split:2:patches+vis:{visibility}"),
     Case { depth: 4, ..case("bedroom", "window", None, "mis2-comp") },
+    case("bedroom", "sunset", None, "mis2:portals"),
+    case("bedroom", "window", LAMBERT, "split:3:portals+mis"),
     Case { unshadowed: true, ..case("arcade", "sunset", LAMBERT, "mis2-comp") },
     case(FURNISHED, "sunset", None, "split:4:patches"),
     Case { depth: 3, ..case(FURNISHED, "studio", None, "brdf") },
@@ -95,20 +103,29 @@ impl Case {
         if self.spec.contains(TABLE) {
             write_table(&environment, &table)?;
         }
-        let spec: SamplerSpec = self.spec.replace(TABLE, &table.display().to_string()).parse()?;
-        let camera = scene.camera();
+        let (visibility, camera) = (folder.path().join("visibility.safetensors"), scene.camera());
         let (depth, unshadowed) = (self.depth, self.unshadowed);
         let (width, height) = (WIDTH, HEIGHT);
         let view = View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed, depth };
         let (points, stop) = (Points::new(PointSet::LATTICE, 3), AtomicBool::new(false));
-        let context = BuildContext { always: true, ..BuildContext::default() };
+        if self.spec.contains(VISIBILITY) {
+            let patches = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
+            learn_visibility(view, &patches, None, (4, 1), &stop, &|_| {}).write(&visibility)?;
+        }
+        let spec = self.spec.replace(TABLE, &table.display().to_string());
+        let spec: SamplerSpec = spec.replace(VISIBILITY, &visibility.display().to_string()).parse()?;
+        let portals = match spec.source() {
+            Source::Portals(_) => Portals::find(&scene, &camera)?.portals,
+            _ => Vec::new(),
+        };
+        let context = BuildContext { always: true, scene: Some(&scene), portals: &portals, ..BuildContext::default() };
         let estimator = spec.build_in(&environment, context)?;
         let expected = integrator::render(view, &*estimator, Budget::Spp(SAMPLES), points, &stop, &|_| {});
         let lit = LitScene::new(&scene, environment.clone())?;
-        let program = Program::new(&lit, &spec)?;
+        let program = Program::new(&lit, &spec, context)?;
         let mut renderer = Renderer::new(gpu, &lit, &program)?;
         if program.has_visibility {
-            renderer = renderer.with_visibility(spec.build_learned(&environment, BuildContext::default())?.always());
+            renderer = renderer.with_visibility(spec.build_learned(&environment, context)?);
         }
         let found = renderer.render(&view, view.whole(), Budget::Spp(SAMPLES), points, &stop, &|_| {})?;
         if program.has_visibility {
@@ -163,7 +180,7 @@ fn check_furnace(gpu: Arc<Gpu>, spec: &str) -> Result<(), Failed> {
     let view =
         View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed: true, depth: 1 };
     let lit = LitScene::new(&scene, environment.clone())?;
-    let renderer = Renderer::new(gpu, &lit, &Program::new(&lit, &spec.parse()?)?)?;
+    let renderer = Renderer::new(gpu, &lit, &Program::new(&lit, &spec.parse()?, BuildContext::default())?)?;
     let (points, stop) = (Points::new(PointSet::LATTICE, 5), AtomicBool::new(false));
     let found = renderer.render(&view, view.whole(), Budget::Spp(256), points, &stop, &|_| {})?;
     let sums = found.surfaces.pixels.iter().zip(&found.coverage).map(|(pixel, coverage)| (pixel[1], *coverage));

@@ -104,6 +104,12 @@ impl LearnedVisibility {
         Ok(Arc::new(OneSampleMis::new(self.sampler.get().weighted(Arc::new(visibility)), BrdfSampler)))
     }
 
+    /// Returns the precomputed weights as lists for other devices; `None` if there are none. Clusters are in the order of
+    /// [`flat_patches`](crate::export::flat_patches).
+    pub fn flat_precomputed(&self) -> Option<FlatVisibility> {
+        self.precomputed.as_ref().map(|precomputed| precomputed.flat(self.sampler.get().cluster_numbers()))
+    }
+
     /// Returns an estimator for one rendering, which learns visibility before it.
     pub fn session(&self, view: ViewGeometry) -> LearningSession<'_> {
         let cells = CELLS_PER_PIXEL * view.pixels as f32;
@@ -193,7 +199,7 @@ impl LearningSession<'_> {
         self.cache.size()
     }
 
-    /// Returns the weights that it has learned, without precomputed ones, as lists for other devices; `None` if they are not
+    /// Returns the weights that it has learned and precomputed ones, as lists for other devices; `None` if they are not
     /// used. Clusters are in the order of [`flat_patches`](crate::export::flat_patches).
     pub fn flat(&self) -> Option<FlatVisibility> {
         self.cache.flat(self.estimator.sampler.get().cluster_numbers())

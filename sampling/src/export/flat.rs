@@ -2,10 +2,12 @@
 
 use super::{ExportedSampler, Intermediate};
 use crate::{
+    environment::Environment,
     error::{Error, Result},
     flat::FlatArray,
     patches::{Detail, Patches},
-    tail::{Hierarchical, Tail},
+    portals::{Portal, PortalSampler},
+    tail::{Hierarchical, Tail, TailKind},
 };
 
 /// Returns the arrays of `patches` over a tail.
@@ -14,6 +16,15 @@ use crate::{
 /// The tail is not hierarchical.
 pub fn flat_patches(tail: &Tail, detail: Detail) -> Result<Vec<FlatArray>> {
     Ok([tail.flat(), patches_of(tail, |tail| Patches::alone(tail, detail))?].concat())
+}
+
+/// Returns the arrays of portals under a map, and of emitter sampling beside them.
+///
+/// # Errors
+/// The map has no light.
+pub fn flat_portals(portals: &[Portal], environment: &Environment) -> Result<Vec<FlatArray>> {
+    let tail = Tail::of_environment(TailKind::Hierarchical, environment)?;
+    Ok([tail.flat(), PortalSampler::new(portals, environment).flat()].concat())
 }
 
 /// The arrays of the patches of a tail.

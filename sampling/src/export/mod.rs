@@ -19,7 +19,7 @@ mod flat;
 mod read;
 mod write;
 
-pub use flat::{flat_exported, flat_patches};
+pub use flat::{flat_exported, flat_patches, flat_portals};
 
 use std::sync::Arc;
 

@@ -7,6 +7,7 @@ use crate::{
     environment::Environment,
     error::{Error, Result},
     estimator::{Estimator, LearnedVisibility, Ris, SingleSample, Split, TwoSampleMis},
+    portals::Portal,
     sampler::{BrdfSampler, Covering, Sampler},
     visibility::SceneVisibility,
 };
@@ -61,6 +62,14 @@ impl SamplerSpec {
         }
         let sampler = self.source.build(self.companion, environment, context)?;
         Ok(Covering::new(sampler)?.into_inner())
+    }
+
+    /// Returns the portals of a SPEC of portals in a scene, at least one; none for other SPECs.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] if there are none; the file cannot be read.
+    pub fn portals(&self, context: BuildContext<'_>) -> Result<Vec<Portal>> {
+        if matches!(self.source, Source::Portals(_)) { self.source.portals(context) } else { Ok(Vec::new()) }
     }
 
     /// Builds the estimator of a SPEC with visibility.

@@ -13,7 +13,7 @@ use crate::{
     error::{Error, Result},
     export::{ExportedSampler, Intermediate},
     patches::{Detail, PatchSampler},
-    portals::{self, PortalSampler},
+    portals::{self, Portal, PortalSampler},
     rival::{RivalKind, RivalSampler},
     sampler::{BrdfSampler, EmitterSampler, EnvironmentLight, OneSampleMis, Oracle, ProductSampler, Sampler},
     tail::TailKind,
@@ -230,6 +230,20 @@ impl Source {
         matches!(self, Self::Patches(_) | Self::File(FileKind::HeadOverPatches, _))
     }
 
+    /// Returns the portals of a scene that moved, for [`Source::Portals`]; at least one.
+    pub(super) fn portals(&self, context: BuildContext<'_>) -> Result<Vec<Portal>> {
+        let portals = match self {
+            Self::Portals(Some(file)) => {
+                portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect()
+            }
+            _ => context.portals.to_vec(),
+        };
+        if portals.is_empty() {
+            return Err(Error::argument("portals", "no scene to find them in; name a file, as in mis2:portals:FILE"));
+        }
+        Ok(portals)
+    }
+
     /// Builds the sampler for a map, beside its companion.
     pub(super) fn build(
         &self,
@@ -249,18 +263,8 @@ impl Source {
             }
             Self::Auto => return Self::Patches(Detail::Leaves).build(companion, environment, context),
             Self::Patches(detail) => Arc::new(OneSampleMis::new(PatchSampler::new(light()?, *detail)?, BrdfSampler)),
-            Self::Portals(file) => {
-                let portals = match file {
-                    Some(file) => portals::read(file)?.iter().map(|portal| portal.moved(&context.motion)).collect(),
-                    None => context.portals.to_vec(),
-                };
-                if portals.is_empty() {
-                    return Err(Error::argument(
-                        "portals",
-                        "no scene to find them in; name a file, as in mis2:portals:FILE",
-                    ));
-                }
-                Arc::new(PortalSampler::new(&portals, environment).beside_emitter(light()?))
+            Self::Portals(_) => {
+                Arc::new(PortalSampler::new(&self.portals(context)?, environment).beside_emitter(light()?))
             }
             Self::File(kind, file) => {
                 let is_mixed = is_mixed || *kind == FileKind::HeadOverPatches;

@@ -57,6 +57,11 @@ impl CellIndex {
         None
     }
 
+    /// Returns all keys with their numbers, in any order.
+    pub fn iter(&self) -> impl Iterator<Item = (CellKey, u32)> {
+        self.0.iter().map(|(&key, &cell)| (key, cell))
+    }
+
     /// Sets the number of a key.
     pub fn insert(&mut self, key: CellKey, cell: u32) {
         self.0.insert(key, cell);

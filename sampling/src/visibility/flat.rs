@@ -25,11 +25,7 @@ pub struct FlatVisibility {
 
 impl FlatVisibility {
     /// Lists cells with their weights; `order` has the number of each cluster of a sampler in the order of the map.
-    pub(super) fn new<'a>(
-        cells: &Cells,
-        weights: impl ExactSizeIterator<Item = (CellKey, &'a Weights)>,
-        order: &[usize],
-    ) -> Self {
+    pub(super) fn new(cells: &Cells, weights: Vec<(CellKey, &Weights)>, order: &[usize]) -> Self {
         let (eye, angle) = cells.parts();
         let slots = (2 * weights.len()).next_power_of_two().max(2);
         let mut flat = Self {
@@ -76,7 +72,7 @@ mod tests {
         let weights: Vec<Weights> =
             (0..50).map(|k| Weights::new(|patch| ((patch / LANES + k) % 200 + 1) as f32 / 255.0, &energies)).collect();
         let order: Vec<usize> = (0..CLUSTERS).rev().collect();
-        let flat = FlatVisibility::new(&cells, keys.iter().copied().zip(&weights), &order);
+        let flat = FlatVisibility::new(&cells, keys.iter().copied().zip(&weights).collect(), &order);
         assert_eq!((flat.table.len(), flat.weights.len()), (SLOT * 128, 50 * WORDS));
         for key in &keys {
             let words = [key.0 as u32, (key.0 >> 32) as u32];

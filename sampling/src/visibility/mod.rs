@@ -212,11 +212,14 @@ impl VisibilityCache {
         estimate::estimate(&self.counts, precomputed, chosen, of)
     }
 
-    /// Returns the weights of the cells of this rendering, without precomputed ones, if they are used.
+    /// Returns the weights of the cells of this rendering and of precomputed ones, if they are used.
     pub(crate) fn flat(&self, order: &[usize]) -> Option<FlatVisibility> {
-        let cells = self.weights.len().saturating_sub(1);
-        let of_cell = |cell: usize| (self.counts.key(cell), &self.weights[cell + 1]);
-        self.pays().then(|| FlatVisibility::new(&self.cells, (0..cells).map(of_cell), order))
+        let own =
+            (0..self.weights.len().saturating_sub(1)).map(|cell| (self.counts.key(cell), &self.weights[cell + 1]));
+        // Of two cells with one key, `number` returns the one of this rendering.
+        let precomputed = self.precomputed.iter().flat_map(|cells| cells.weighted_cells());
+        let precomputed = precomputed.filter(|(key, _)| !matches!(self.counts.find(*key), Some((_, 0))));
+        self.pays().then(|| FlatVisibility::new(&self.cells, own.chain(precomputed).collect(), order))
     }
 
     /// Returns the number of the weights at a key: those of the finest cell.

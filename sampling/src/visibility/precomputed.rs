@@ -10,6 +10,7 @@ use super::{
     counts::Counts,
     division::{Division, PATCHES},
     estimate::{self, Visibility},
+    flat::FlatVisibility,
     predicted_gain::PredictedGain,
     weights::{Weighting, Weights},
 };
@@ -142,6 +143,18 @@ impl PrecomputedVisibility {
     #[inline]
     pub(super) fn find(&self, key: CellKey) -> Option<(u32, usize)> {
         self.index.find(key)
+    }
+
+    /// Returns the cells with their weights, in the order of their numbers.
+    pub(super) fn weighted_cells(&self) -> Vec<(CellKey, &Weights)> {
+        let mut cells: Vec<_> = self.index.iter().collect();
+        cells.sort_unstable_by_key(|&(_, cell)| cell);
+        cells.into_iter().map(|(key, cell)| (key, &self.estimates[cell as usize].1)).collect()
+    }
+
+    /// Returns its weights as lists for other devices; `order` is that of [`FlatVisibility::new`].
+    pub(crate) fn flat(&self, order: &[usize]) -> FlatVisibility {
+        FlatVisibility::new(&self.cells, self.weighted_cells(), order)
     }
 
     /// Returns the visibility of the cell with exactly this key.

@@ -62,6 +62,11 @@ pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     (queries.collect(), alphas)
 }
 
+/// Returns the position of a query's point: two metres from the origin.
+pub fn position(query: &Query) -> [f32; 3] {
+    [0, 1, 2].map(|axis| 2.0 * query.wi[axis])
+}
+
 /// A shader with its buffers and a list of queries on a device.
 pub struct Program {
     gpu: Gpu,
@@ -75,9 +80,13 @@ impl Program {
     /// Uploads everything to the fastest adapter.
     pub fn new(shader: &Shader, queries: &[Query]) -> Result<Self, GpuError> {
         let gpu = Gpu::open()?;
-        // The example returns everything but the mixture weight.
+        // The example returns everything but the mixture weight, and leaves positions to callers.
         let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, mixture_weight: f32 }");
         let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
+        let source = source.replace(
+            "let drawn = headtail_sample(",
+            "headtail_position = 2.0 * q.wi.xyz;\n    let drawn = headtail_sample(",
+        );
         let pipeline = gpu.pipeline(None, &source, "headtail_draw");
         let inputs: [&[u8]; 3] = [
             bytemuck::cast_slice(&shader.floats),
