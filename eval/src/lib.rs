@@ -11,7 +11,7 @@
 //! | `renderer.rs`, `device.rs` | what renders: the CPU or a graphics device |
 //! | `auto.rs` | the choice of a sampler for a view |
 //! | `reference.rs` | converged pictures, their noise and their cache |
-//! | `engine.rs`, `calibration.rs` | the measuring loop; how many samples fit into a time |
+//! | `engine.rs`, `entry.rs`, `calibration.rs` | the measuring loop; its samplers; how many samples fit into a time |
 //! | `measurement.rs` | one record per run |
 //! | `independent_runs.rs`, `timing_baseline.rs` | variance without a reference, and times as ratios to a baseline |
 //! | `direction_statistics.rs`, `quadrature.rs` | divergences and weights of a sampler at single shading points |
@@ -33,6 +33,7 @@ pub mod conformance;
 mod device;
 mod direction_statistics;
 mod engine;
+mod entry;
 mod error;
 mod experiment;
 mod independent_runs;
@@ -58,7 +59,8 @@ pub use auto::{Choice, Trial, choose, need_no_pilot};
 pub use budget::Budget;
 pub use device::GraphicsDevice;
 pub use direction_statistics::{DirectionBench, DirectionEffort, DirectionStatistics, variance_ratio};
-pub use engine::{Entry, Plan, Run, Watch, measure};
+pub use engine::{Plan, Run, Watch, measure};
+pub use entry::Entry;
 pub use error::{Error, Result};
 pub use experiment::{BudgetEntry, Experiment, MapEntry, MaterialEntry, SamplerEntry, SceneEntry, ViewKey};
 pub use independent_runs::IndependentRuns;

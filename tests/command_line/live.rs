@@ -57,7 +57,9 @@ fn live_pages_render_what_the_program_renders() {
         let out = format!("{seed}.exr");
         succeed(
             path,
-            &format!("render {view} --visibility-always --sampler {sampler} --points lattice:64 --spp {SAMPLES} --seed {seed} --out {out}"),
+            &format!(
+                "render {view} --visibility-always --sampler {sampler} --points lattice:64 --spp {SAMPLES} --seed {seed} --out {out}"
+            ),
         );
         let expected = read_radiance(&path.join(out)).unwrap();
         let color = |k: usize| [0, 1, 2].map(|c| (film[12 * k + c] + film[12 * k + 4 + c]) / SAMPLES as f32);
