@@ -31,7 +31,7 @@ use headtail_shaders::{
     gpu::{Gpu, GpuError},
 };
 
-use draw::{Answer, Program, Query, position, queries};
+use draw::{Answer, Program, Query, queries};
 
 /// Number of points of samplers in closed form, and of heads, which are slow on software adapters.
 const COUNT: usize = 1 << 18;
@@ -58,7 +58,8 @@ fn compare(name: &str, shader: &Shader, sampler: &dyn Sampler, count: usize, glo
     let u: Vec<[f32; 2]> = queries.iter().map(|q| [q.u, q.v]).collect();
     let given: Vec<[f32; 3]> = queries.iter().map(|q| [q.wi[0], q.wi[1], q.wi[2]]).collect();
     let surface = if glossy { SurfaceList::Glossy { alpha: &alphas, f0: &[1.0] } } else { SurfaceList::Diffuse };
-    let p: Vec<[f32; 3]> = queries.iter().map(position).collect();
+    // As `Program::new` has them.
+    let p: Vec<[f32; 3]> = queries.iter().map(|query| [0, 1, 2].map(|axis| 2.0 * query.wi[axis])).collect();
     let at = PointList { p: &p, n: &n, wo: &wo, surface };
     let (mut wi, mut pdf, mut of_given) = (vec![[0.0; 3]; count], vec![0.0; count], vec![0.0; count]);
     batch::sample(sampler, &at, Numbers::Given(&u), DrawList { wi: &mut wi, pdf: &mut pdf, radiance: None }).unwrap();

@@ -62,11 +62,6 @@ pub fn queries(count: usize, glossy: bool) -> (Vec<Query>, Vec<f32>) {
     (queries.collect(), alphas)
 }
 
-/// Returns the position of a query's point: two metres from the origin.
-pub fn position(query: &Query) -> [f32; 3] {
-    [0, 1, 2].map(|axis| 2.0 * query.wi[axis])
-}
-
 /// A shader with its buffers and a list of queries on a device.
 pub struct Program {
     gpu: Gpu,
@@ -80,7 +75,7 @@ impl Program {
     /// Uploads everything to the fastest adapter.
     pub fn new(shader: &Shader, queries: &[Query]) -> Result<Self, GpuError> {
         let gpu = Gpu::open()?;
-        // The example returns everything but the mixture weight, and leaves positions to callers.
+        // The example returns everything but the mixture weight, and leaves positions to callers: here two metres along `wi`.
         let source = shader.source.replace("pdf_of_given: f32 }", "pdf_of_given: f32, mixture_weight: f32 }");
         let source = source.replace("drawn.w, given)", "drawn.w, given, headtail_share(q.n, q.wo, q.lobes))");
         let source = source.replace(
