@@ -161,7 +161,7 @@ impl Spread {
     }
 }
 
-/// Of three portals, two share a map, two overlap, and some points are behind each.
+/// Of three portals, two share an image, two overlap, and some points are behind each.
 #[test]
 fn shaders_of_portals_match_the_native_sampler() {
     let window = |center: [f32; 3], normal, [width, height]: [f32; 2]| Portal {

@@ -2,7 +2,7 @@
 
 use std::fs;
 
-use super::{fail, succeed};
+use super::{PORTALS, fail, succeed};
 
 #[test]
 fn shaders_are_written_with_their_buffers() {
@@ -24,6 +24,9 @@ fn shaders_are_written_with_their_buffers() {
     succeed(at, "export over/sampler.safetensors --target wgsl --out over-wgsl");
     let layout = fs::read_to_string(at.join("over-wgsl/layout.json")).unwrap();
     assert!(layout.contains("head.weights") && layout.contains("patches.leaves"), "{layout}");
+    fs::write(at.join("portals.json"), PORTALS).unwrap();
+    succeed(at, "export portals:portals.json --env overcast --target msl --out portals");
+    assert!(fs::read_to_string(at.join("portals/layout.json")).unwrap().contains("portals.sums"));
     succeed(at, "export patches --env overcast --target glsl --out patches");
     let layout = fs::read_to_string(at.join("patches/layout.json")).unwrap();
     let layout: serde_json::Value = serde_json::from_str(&layout).unwrap();
@@ -43,5 +46,7 @@ fn exports_without_their_map_or_for_another_map_are_rejected() {
     assert!(fail(at, &format!("export {file} --env studio")).contains("was made for the environment 'sunset'"));
     succeed(at, &format!("export {file} --env sunset"));
     assert!(fail(at, "export patches --target wgsl --out x").contains("give --env MAP"));
+    assert!(fail(at, "export portals:missing --target wgsl --out x").contains("give --env MAP"));
+    assert!(fail(at, "export portals:missing --env overcast --target wgsl --out x").starts_with("missing"));
     assert!(fail(at, "export missing --target wgsl --out x").contains("missing"));
 }

@@ -4,7 +4,9 @@ use std::{collections::BTreeSet, fs, path::Path};
 
 use headtail_render::image::{Image, write_exr};
 
-use super::{SMALL, command, documentation::commands_of_the_help, folder, headtail, lost_work::refused, succeed, text};
+use super::{
+    PORTALS, SMALL, command, documentation::commands_of_the_help, folder, headtail, lost_work::refused, succeed, text,
+};
 
 /// A command with `IN` for an input, a file that can be the input, and the output that must not replace it.
 type Case<'a> = (String, &'a str, &'a str);
@@ -65,6 +67,7 @@ fn cases<'a>() -> Vec<Case<'a>> {
         ("inspect --tail --env IN --out a.svg".into(), "map.exr", "a.svg"),
         ("export IN --target wgsl --out shader".into(), "table", "shader/floats.bin"),
         ("export patches --env IN --target wgsl --out shader".into(), "map.exr", "shader/layout.json"),
+        ("export portals:IN --env overcast --target wgsl --out shader".into(), "portals.json", "shader/floats.bin"),
         (auto.replace("overcast", "IN"), "map.exr", "auto/winner"),
         (auto.replace("sphere", "IN"), "scene.gltf", "auto/autosize.html"),
         ("sweep collect IN --out space.sweep --file trials.csv".into(), "space.toml", "trials.csv"),
@@ -90,6 +93,7 @@ fn write_inputs(path: &Path) {
     fs::write(path.join("raw.f32"), (0..675).flat_map(|k| weights(k).to_le_bytes()).collect::<Vec<u8>>()).unwrap();
     fs::write(path.join("raw.names.txt"), "a\n").unwrap();
     fs::write(path.join("run.toml"), "steps = 2\n").unwrap();
+    fs::write(path.join("portals.json"), PORTALS).unwrap();
     let space = "objectives = ['kl']\n[run]\nenv = 'overcast'\nmaterial = 'lambert'\n[axes.seed]\nvalues = [1]\n";
     fs::write(path.join("space.toml"), space).unwrap();
     let gltf = serde_json::json!({

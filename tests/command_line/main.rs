@@ -35,6 +35,10 @@ use std::{
 use headtail_render::image::{Image, read_radiance};
 use tempfile::TempDir;
 
+/// A file of one portal.
+const PORTALS: &str =
+    r#"{"portals": [{"center": [2, 1, 0], "normal": [-1, 0, 0], "up": [0, 1, 0], "width": 1, "height": 2}]}"#;
+
 /// Runs the program in `folder`, so that paths in arguments and messages are short, with `--force`.
 fn headtail(folder: &Path, arguments: &str) -> Output {
     command(folder, arguments).arg("--force").output().expect("the program starts")
