@@ -149,7 +149,7 @@ pub use error::{Error, Result};
 pub use estimator::{
     Contributions, Estimator, LearnedVisibility, LearningSession, Ris, SingleSample, Split, TwoSampleMis, ViewGeometry,
 };
-pub use export::{ExportedSampler, Intermediate, flat_exported, flat_patches};
+pub use export::{ExportedSampler, Intermediate, flat_exported, flat_patches, flat_portals};
 pub use flat::{FlatArray, FlatNumbers};
 pub use frame::Frame;
 pub use head::Head;
