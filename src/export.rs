@@ -61,22 +61,23 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let target = arguments.target;
     let source_name = format!("headtail.{}", target.name_and_extension().1);
     let output = OutputFolder::take(&arguments.out, &[&source_name, "floats.bin", "integers.bin", "layout.json"])?;
-    let detail = match &*arguments.sampler {
-        "patches" => Some(Detail::Leaves),
-        "patches:fine" => Some(Detail::Twigs),
-        _ => None,
+    let map = || match &arguments.env {
+        Some(map) => open_environment(map),
+        None => bail!("{} needs the map: give --env MAP", arguments.sampler),
     };
-    let portals = arguments.sampler.strip_prefix("portals:").map(path_of);
-    let arrays = match (detail, portals, &arguments.env) {
-        (Some(detail), _, Some(map)) => {
-            flat_patches(&Tail::of_environment(TailKind::Hierarchical, &*open_environment(map)?)?, detail)?
+    let of_patches =
+        |detail| -> Result<_> { Ok(flat_patches(&Tail::of_environment(TailKind::Hierarchical, &*map()?)?, detail)?) };
+    let arrays = match (&*arguments.sampler, arguments.sampler.strip_prefix("portals:")) {
+        ("patches", _) => of_patches(Detail::Leaves)?,
+        ("patches:fine", _) => of_patches(Detail::Twigs)?,
+        (_, Some(file)) => {
+            let map = map()?;
+            flat_portals(&portals::read(&path_of(file))?, &map)?
         }
-        (None, Some(file), Some(map)) => flat_portals(&portals::read(&file)?, &*open_environment(map)?)?,
-        (Some(_), ..) | (_, Some(_), None) => bail!("{} needs the map: give --env MAP", arguments.sampler),
-        (None, None, map) => {
-            let file = path_of(&arguments.sampler);
+        (file, None) => {
+            let file = path_of(file);
             let exported = ExportedSampler::read(&file)?;
-            if let Some(map) = map {
+            if let Some(map) = &arguments.env {
                 exported.check_environment(&*open_environment(map)?).map_err(|error| error.in_file(&file))?;
             }
             flat_exported(&exported).map_err(|error| error.in_file(&file))?

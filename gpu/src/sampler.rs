@@ -17,6 +17,7 @@ use headtail_shaders::UNOCCLUDED;
 use crate::error::{Error, Result};
 
 const BRDF_ALONE: &str = include_str!("../wgsl/brdf_alone.wgsl");
+const PREPARE_POINT: &str = include_str!("../wgsl/prepare_point.wgsl");
 const SOURCE_ALONE: &str = include_str!("../wgsl/source_alone.wgsl");
 const ONE_SAMPLE_MIS: &str = include_str!("../wgsl/one_sample_mis.wgsl");
 const MEAN: &str = include_str!("../wgsl/mean.wgsl");
@@ -80,8 +81,8 @@ impl DeviceSampler {
         let weight = if has_own_weight { OWN_WEIGHT } else { HALF_WEIGHT };
         let mut sources = match (arrays.is_empty(), is_mixed) {
             (true, _) => vec![BRDF_ALONE],
-            (false, false) => vec![SOURCE_ALONE],
-            (false, true) => vec![weight, ONE_SAMPLE_MIS],
+            (false, false) => vec![PREPARE_POINT, SOURCE_ALONE],
+            (false, true) => vec![PREPARE_POINT, weight, ONE_SAMPLE_MIS],
         };
         sources.push(match combiner {
             Combiner::One | Combiner::Split(_) => MEAN,

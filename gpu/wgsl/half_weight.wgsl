@@ -3,7 +3,5 @@
 const headtail_weight: f32 = 0.5;
 
 fn headtail_begin(at: HeadtailPoint) {
-    headtail_find_cell(at.p, at.ns);
-    headtail_position = at.p;
-    headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
+    headtail_prepare_point(at);
 }

@@ -3,8 +3,6 @@
 var<private> headtail_weight: f32;
 
 fn headtail_begin(at: HeadtailPoint) {
-    headtail_find_cell(at.p, at.ns);
-    headtail_position = at.p;
-    headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
+    headtail_prepare_point(at);
     headtail_weight = headtail_share_here();
 }

@@ -1,9 +1,7 @@
 // Directions from the sampler alone.
 
 fn headtail_begin(at: HeadtailPoint) {
-    headtail_find_cell(at.p, at.ns);
-    headtail_position = at.p;
-    headtail_prepare(HeadtailSurface(at.ns, at.wo, at.lobes));
+    headtail_prepare_point(at);
 }
 
 fn headtail_draw_direction(at: HeadtailPoint, z: vec2<f32>) -> vec4<f32> {

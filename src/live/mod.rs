@@ -2,7 +2,7 @@
 
 use std::{io::Write, path::PathBuf};
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use base64::{Engine, engine::general_purpose::STANDARD};
 use clap::Args;
 use flate2::{Compression, write::GzEncoder};
@@ -116,13 +116,12 @@ fn page(opened: &OpenedView, specs: &[&SamplerSpec]) -> Result<String> {
 /// Returns a sampler's program and the numbers of a round of its samples.
 fn sampler(opened: &OpenedView, scene: &LitScene, spec: &SamplerSpec) -> Result<Value> {
     let program = opened.with_context(spec, |context| Program::new(scene, spec, context))??;
-    ensure!(
-        *spec.visibility() != Visibility::Learned,
-        "sampler '{spec}': learned visibility depends on the view, which turns; name a file of bake --visibility, or leave out +vis"
-    );
-    let visibility = match program.has_visibility {
-        true => opened.learned_visibility(spec)?.flat_precomputed(),
-        false => None,
+    let visibility = match spec.visibility() {
+        Visibility::None => None,
+        Visibility::File(_) => opened.learned_visibility(spec)?.flat_precomputed(),
+        Visibility::Learned => bail!(
+            "sampler '{spec}': learned visibility depends on the view, which turns; name a file of bake --visibility, or leave out +vis"
+        ),
     };
     let points = Points::new(PointSet::Lattice { samples: SAMPLES }, 0);
     let view = opened.view();
