@@ -18,6 +18,9 @@ const RAYS: &str = include_str!("../wgsl/rays.wgsl");
 const MAP: &str = include_str!("../wgsl/map.wgsl");
 const SURFACE: &str = include_str!("../wgsl/surface.wgsl");
 const REFLECTION: &str = include_str!("../wgsl/reflection.wgsl");
+const FITTED: [&str; 3] =
+    [include_str!("../wgsl/fitted.wgsl"), include_str!("../wgsl/measured.wgsl"), include_str!("../wgsl/neural.wgsl")];
+const NO_FITTED: [&str; 1] = [include_str!("../wgsl/no_fitted.wgsl")];
 const PATH: &str = include_str!("../wgsl/path.wgsl");
 
 /// The compute shader's entry point: one invocation per pixel, in workgroups of 8 x 8.
@@ -146,7 +149,9 @@ impl Program {
             let _ = writeln!(source, "const HEADTAIL_{name}: u32 = {value}u;");
         }
         let _ = writeln!(source, "const HEADTAIL_IS_EMISSIVE: bool = {};", surfaces.is_emissive);
-        for part in [BRDF, POINTS, RAYS, MAP, SURFACE, REFLECTION].into_iter().chain(sampler.sources).chain([PATH]) {
+        let fitted: &[&str] = if surfaces.has_fitted { &FITTED } else { &NO_FITTED };
+        let parts = [BRDF, POINTS, RAYS, MAP, SURFACE, REFLECTION].into_iter().chain(fitted.iter().copied());
+        for part in parts.chain(sampler.sources).chain([PATH]) {
             source.push('\n');
             source.push_str(part);
         }
@@ -160,7 +165,11 @@ impl Program {
 #[cfg(test)]
 mod tests {
     use glam::Vec3A;
-    use headtail_render::portals::Portal;
+    use headtail_render::{
+        brdf::{Lambert, OfKernel},
+        portals::Portal,
+        scene::MaterialSpec,
+    };
     use headtail_shaders::Target;
 
     use super::*;
@@ -190,8 +199,13 @@ mod tests {
         ];
         let portals = [Portal { center: Vec3A::X, normal: Vec3A::NEG_X, up: Vec3A::Y, width: 1.0, height: 2.0 }];
         let context = BuildContext { portals: &portals, ..BuildContext::default() };
-        for spec in specs {
-            let program = Program::new(&scene, &spec.parse().unwrap(), context).unwrap();
+        let cloth = Scene::open("cloth").unwrap();
+        let (satin, bounds) = ("neural:../checkpoints/satin.safetensors", cloth.bounds());
+        let cloth = satin.parse::<MaterialSpec>().unwrap().dress(cloth, &bounds).unwrap();
+        let fitted = LitScene::new(&cloth, scene.environment.clone()).unwrap();
+        let specs = specs.iter().flat_map(|spec| [(&scene, spec), (&fitted, spec)]);
+        for (scene, spec) in specs {
+            let program = Program::new(scene, &spec.parse().unwrap(), context).unwrap();
             let Program { source, floats, integers, .. } = program;
             let shader = Shader { source, floats, integers, layout: String::new() };
             shader.translate(Target::Spirv).unwrap_or_else(|error| panic!("{spec}: {error}"));
@@ -209,11 +223,8 @@ mod tests {
         let portals = "mis2:portals".parse().unwrap();
         let error = Program::new(&scene, &portals, BuildContext::default()).unwrap_err().to_string();
         assert!(error.contains("no scene to find them in"), "{error}");
-        let material = "neural:../checkpoints/satin.safetensors".parse::<headtail_render::scene::MaterialSpec>();
-        let cloth = Scene::open("cloth").unwrap();
-        let bounds = cloth.bounds();
-        let cloth = material.unwrap().dress(cloth, &bounds).unwrap();
-        let error = LitScene::new(&cloth, scene.environment).unwrap_err().to_string();
-        assert!(error.contains("neural materials"), "{error}");
+        let own = Scene::open("sphere").unwrap().with_brdfs(vec![Arc::new(OfKernel::<Lambert>::NEW)]);
+        let error = LitScene::new(&own, scene.environment).unwrap_err().to_string();
+        assert!(error.contains("OfKernel") && error.contains("--material lambert"), "{error}");
     }
 }

@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec3, Vec3A};
 use headtail_render::{
-    brdf::flat_lobe_albedo,
+    brdf::{BrdfTable, flat_lobe_albedo},
     color::srgb_decode,
     flat::FlatNumbers,
     scene::{Filter, FlatFace, FlatMask, Material, Scene, Texture, TexturedMetallicRoughness, Wrap},
@@ -18,6 +18,8 @@ const NONE: u32 = u32::MAX;
 const DIFFUSE: u32 = 0;
 const MIRROR: u32 = 1;
 const METALLIC_ROUGHNESS: u32 = 2;
+const MEASURED: u32 = 3;
+const NEURAL: u32 = 4;
 /// Words of a face.
 const OF_FACE: usize = 10;
 /// Words of a material, and the places of its textures and its emission in them.
@@ -43,6 +45,8 @@ pub struct Surfaces {
     pub srgb: usize,
     /// Whether anything emits light.
     pub is_emissive: bool,
+    /// Whether a material is measured or neural.
+    pub has_fitted: bool,
     textures: HashMap<*const Texture, u32>,
     /// The place of each mesh's mask.
     masks: Vec<u32>,
@@ -59,7 +63,7 @@ impl Surfaces {
         let mut used = vec![false; scene.materials().len()];
         faces.iter().for_each(|face| used[face.material] = true);
         let of_material = |(index, material): (usize, _)| match used[index] {
-            true => surfaces.material(material),
+            true => surfaces.material(scene.brdfs(), material),
             false => Ok([NONE; OF_MATERIAL]),
         };
         let materials = scene.materials().iter().enumerate().map(of_material).collect::<Result<Vec<_>>>()?;
@@ -136,7 +140,7 @@ impl Surfaces {
     }
 
     /// Adds what a material refers to, and returns its words.
-    fn material(&mut self, material: &Material) -> Result<[u32; OF_MATERIAL]> {
+    fn material(&mut self, brdfs: &BrdfTable, material: &Material) -> Result<[u32; OF_MATERIAL]> {
         let mut words = [NONE; OF_MATERIAL];
         let mut set = |at: usize, numbers: &[f32]| {
             for (word, number) in words[at..].iter_mut().zip(numbers) {
@@ -173,12 +177,28 @@ impl Surfaces {
                     self.is_emissive = true;
                 }
             }
-            Material::Indexed(_) | Material::Neural(_) => {
-                let what = "the scene's measured and neural materials".into();
-                return Err(Error::NotCovered { what, instead: "choose --material lambert or ggx:alpha=0.4" });
+            Material::Indexed(brdf) => {
+                words[0] = MEASURED;
+                words[1] = self.fitted(brdfs, *brdf)?;
+            }
+            Material::Neural(neural) => {
+                set(2, &[neural.repeat()]);
+                words[0] = NEURAL;
+                words[1] = self.fitted(brdfs, neural.brdf())?;
             }
         }
         Ok(words)
+    }
+
+    /// Adds the numbers of a measured or neural material, and returns their place.
+    fn fitted(&mut self, brdfs: &BrdfTable, brdf: u32) -> Result<u32> {
+        let brdf = brdfs.get(brdf);
+        let not_covered = || Error::NotCovered {
+            what: format!("the material {brdf:?}"),
+            instead: "choose --material lambert or ggx:alpha=0.4",
+        };
+        self.has_fitted = true;
+        Ok(self.add(&brdf.flat().ok_or_else(not_covered)?))
     }
 
     /// Adds a texture that was not added before, and returns its place.

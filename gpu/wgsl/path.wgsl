@@ -6,6 +6,8 @@
 
 const HEADTAIL_ROULETTE_FROM: u32 = 3u;
 const HEADTAIL_MOST_SURVIVAL: f32 = 0.95;
+// The angle between rays after a bounce, for footprints on textures.
+const HEADTAIL_BOUNCE_SPREAD: f32 = 0.05;
 
 // A sum of contributions, their number, and the largest luminance.
 struct HeadtailLight { sum: vec3<f32>, rays: f32, largest: f32 }
@@ -45,7 +47,7 @@ fn headtail_render(@builtin(global_invocation_id) place: vec3<u32>) {
                 if (bounce == 0u) { background += vec4<f32>(headtail_radiance(ray.direction), 0.0); }
                 break;
             }
-            let at = headtail_surface(ray, hit);
+            let at = headtail_surface(ray, hit, select(HEADTAIL_BOUNCE_SPREAD, headtail_pixel_spread(), bounce == 0u));
             let own = first_group + 1u + bounce * (HEADTAIL_LIGHT_GROUPS + 1u);
             let estimate = headtail_estimate(at, throughput, own, key);
             if (bounce == 0u) { background.w += 1.0; }

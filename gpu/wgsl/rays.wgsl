@@ -31,6 +31,11 @@ fn headtail_camera_ray(at: vec2<f32>) -> HeadtailRay {
     return HeadtailRay(headtail_view.look_from.xyz, normalize(headtail_view.forward.xyz + aside));
 }
 
+// The angle between neighbouring pixels in the middle of the image; 0 for parallel rays.
+fn headtail_pixel_spread() -> f32 {
+    return select(2.0 * headtail_view.look_from.w / f32(headtail_view.size.y), 0.0, headtail_view.forward.w == 1.0);
+}
+
 // The ray that leaves a surface at p.
 fn headtail_leaving(p: vec3<f32>, ng: vec3<f32>, wi: vec3<f32>) -> HeadtailRay {
     let reach = max(max(abs(p.x), abs(p.y)), abs(p.z));

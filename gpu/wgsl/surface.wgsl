@@ -11,6 +11,7 @@ const HEADTAIL_MIN_COSINE: f32 = 1e-2;
 const HEADTAIL_MIN_ALPHA: f32 = 1e-3;
 const HEADTAIL_DIFFUSE: u32 = 0u;
 const HEADTAIL_MIRROR: u32 = 1u;
+const HEADTAIL_FITTED: u32 = 3u;
 
 fn headtail_number(at: u32) -> f32 {
     return bitcast<f32>(headtail_surfaces[at]);
@@ -109,17 +110,24 @@ fn headtail_shading_normal(interpolated: vec3<f32>, ng: vec3<f32>, wo: vec3<f32>
     return select(ng, bent, dot(bent, wo) > 0.0 && dot(bent, ng) > 0.0);
 }
 
-// The tangent of a triangle: where u grows, and the handedness of the bitangent.
-fn headtail_tangent_of(corners: array<vec3<f32>, 3>, at: u32, normal: vec3<f32>) -> vec4<f32> {
+// The directions in a triangle in which texture coordinates grow, of any length, and twice its area in these.
+struct HeadtailUvAxes { u: vec3<f32>, v: vec3<f32>, area: f32 }
+
+fn headtail_uv_axes(corners: array<vec3<f32>, 3>, at: u32) -> HeadtailUvAxes {
     let a = corners[1] - corners[0];
     let b = corners[2] - corners[0];
     let s = headtail_corner_uv(at, 1u) - headtail_corner_uv(at, 0u);
     let t = headtail_corner_uv(at, 2u) - headtail_corner_uv(at, 0u);
-    let side = select(1.0, -1.0, s.x * t.y - s.y * t.x < 0.0);
-    let along_u = side * (a * t.y - b * s.y);
-    let along_v = side * (b * s.x - a * t.x);
-    let handedness = -dot(cross(normal, along_u), along_v);
-    return vec4<f32>(headtail_unit_or(along_u, vec3<f32>(0.0)), select(1.0, -1.0, handedness < 0.0));
+    let area = s.x * t.y - s.y * t.x;
+    let side = select(1.0, -1.0, area < 0.0);
+    return HeadtailUvAxes(side * (a * t.y - b * s.y), side * (b * s.x - a * t.x), abs(area));
+}
+
+// The tangent of a triangle: where u grows, and the handedness of the bitangent.
+fn headtail_tangent_of(corners: array<vec3<f32>, 3>, at: u32, normal: vec3<f32>) -> vec4<f32> {
+    let axes = headtail_uv_axes(corners, at);
+    let handedness = -dot(cross(normal, axes.u), axes.v);
+    return vec4<f32>(headtail_unit_or(axes.u, vec3<f32>(0.0)), select(1.0, -1.0, handedness < 0.0));
 }
 
 // The normal of a normal map: `texture` and `scale` of the material; `normal` is the unit normal of the outside.
@@ -131,8 +139,8 @@ fn headtail_bent(normal: vec3<f32>, tangent: vec4<f32>, texture: u32, scale: f32
     return headtail_unit_or(scale * (texel.x * along + texel.y * across) + max(texel.z, 0.0) * normal, normal);
 }
 
-// The shading point of a hit.
-fn headtail_surface(ray: HeadtailRay, hit: HeadtailHit) -> HeadtailPoint {
+// The shading point of a hit; rays of neighbouring pixels are `spread` radians apart.
+fn headtail_surface(ray: HeadtailRay, hit: HeadtailHit, spread: f32) -> HeadtailPoint {
     var at: HeadtailPoint;
     let first = headtail_geometry[hit.triangle];
     let second = headtail_geometry[hit.triangle + 1u];
@@ -172,6 +180,16 @@ fn headtail_surface(ray: HeadtailRay, hit: HeadtailHit) -> HeadtailPoint {
         bent = select(smooth_normal, toward, dot(toward, at.ng) > 0.0);
     }
     at.ns = headtail_shading_normal(bent, at.ng, at.wo);
+    if (HEADTAIL_HAS_FITTED && headtail_surfaces[material] >= HEADTAIL_FITTED) {
+        let uv = headtail_surfaces[face + 2u];
+        // Measured materials need no coordinates.
+        if (uv == HEADTAIL_NONE) { return headtail_fitted_point(at, material, vec3<f32>(0.0), HeadtailUvAxes()); }
+        let axes = headtail_uv_axes(corners, uv);
+        let size = cross(corners[1] - corners[0], corners[2] - corners[0]);
+        let width = spread * hit.t * sqrt(axes.area / length(size)) / sqrt(12.0 * max(dot(at.ns, at.wo), 1e-2));
+        let tile = vec3<f32>(headtail_uv(uv, weights), select(0.0, width, width < HEADTAIL_FAR));
+        return headtail_fitted_point(at, material, tile, axes);
+    }
     return headtail_material(at, material, face, weights);
 }
 

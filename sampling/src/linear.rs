@@ -50,6 +50,30 @@ impl Linear {
     pub fn bias(&self) -> &[f32] {
         &self.bias
     }
+
+    /// Appends the weights for other devices, `[blocks, inputs, 4]`, where a block is four outputs, then the biases
+    /// `[blocks, 4]`. Missing outputs of the last block are 0.
+    pub(crate) fn append_blocks(&self, out: &mut Vec<f32>) {
+        const BLOCK: usize = 4;
+        for first in (0..self.outputs).step_by(BLOCK) {
+            for input in 0..self.inputs {
+                let weight = |row: usize| self.weight.get(row * self.inputs + input).copied().unwrap_or(0.0);
+                out.extend((first..first + BLOCK).map(weight));
+            }
+        }
+        out.extend(&self.bias);
+        out.resize(out.len() + self.bias.len().next_multiple_of(BLOCK) - self.bias.len(), 0.0);
+    }
+}
+
+/// Appends a network for other devices: the number of layers, and the slope of the leaky ReLU before the last one; for each
+/// layer its inputs, its outputs, and its [blocks](Linear::append_blocks).
+pub(crate) fn append_network(layers: &[Linear], leaky_slope: f32, out: &mut Vec<f32>) {
+    out.extend([layers.len() as f32, leaky_slope]);
+    for layer in layers {
+        out.extend([layer.inputs as f32, layer.outputs as f32]);
+        layer.append_blocks(out);
+    }
 }
 
 /// Maximum outputs of a block. With [`LANES`] samples in two registers (AVX2), six outputs keep twelve

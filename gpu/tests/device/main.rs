@@ -1,6 +1,8 @@
 //! Pictures of a device (Mesa's software adapter if there is no other) match those of the CPU for the same points.
 
 mod furnished;
+#[path = "../../../render/tests/networks/mod.rs"]
+mod networks;
 
 use std::{
     path::Path,
@@ -11,6 +13,7 @@ use glam::Vec3A;
 use headtail_gpu::{LitScene, Program, Renderer};
 use headtail_render::{
     bake::{CellGrid, NormalGrid, direct_bake},
+    brdf::neural::write_networks,
     environment::Environment,
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
@@ -54,12 +57,14 @@ const GGX: Option<&str> = Some("ggx:alpha=0.2..0.6");
 
 /// Stands for the file of a table for the case's map.
 const TABLE: &str = "{table}";
+/// Stands for a file of two measured materials.
+const MEASURED: &str = "{measured}";
 /// Stands for a file of visibility of the case's scene under its map.
 const VISIBILITY: &str = "{visibility}";
 /// The scene of `furnished.rs`.
 const FURNISHED: &str = "furnished";
 
-const CASES: [Case; 20] = [
+const CASES: [Case; 24] = [
     case("temple", "studio", LAMBERT, "brdf"),
     case("temple", "studio", LAMBERT, "head+mis:../checkpoints/studio-head.safetensors"),
     case("temple", "sunset", LAMBERT, "split:2:direct+mis:{table}"),
@@ -80,6 +85,10 @@ const CASES: [Case; 20] = [
     Case { unshadowed: true, ..case("arcade", "sunset", LAMBERT, "mis2-comp") },
     case(FURNISHED, "sunset", None, "split:4:patches"),
     Case { depth: 3, ..case(FURNISHED, "studio", None, "brdf") },
+    case("dishes", "window", Some("nbrdf:{measured}#mirror,odd"), "mis2-comp"),
+    Case { depth: 2, ..case("dishes", "sunset", Some("nbrdf:{measured}#odd"), "patches") },
+    case("cloth", "studio", Some("neural:../checkpoints/satin.safetensors"), "mis2-comp"),
+    Case { depth: 3, ..case("cloth", "sunset", Some("neural:../checkpoints/jersey.safetensors"), "split:2:patches") },
 ];
 
 impl Case {
@@ -96,7 +105,12 @@ impl Case {
             name => Scene::open(name)?,
         };
         if let Some(material) = self.material {
-            let bounds = scene.bounds();
+            let (measured, bounds) = (folder.path().join("measured.safetensors"), scene.bounds());
+            if material.contains(MEASURED) {
+                let forms = [("mirror", networks::MIRROR), ("odd", networks::ODD)];
+                write_networks(&measured, &forms.map(|(name, form)| (name.to_owned(), form.network())))?;
+            }
+            let material = material.replace(MEASURED, &measured.display().to_string());
             scene = material.parse::<MaterialSpec>()?.dress(scene, &bounds)?;
         }
         let table = folder.path().join("table.safetensors");

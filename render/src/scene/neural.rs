@@ -33,6 +33,16 @@ impl NeuralMaterial {
         Surface { brdf: self.brdf, parameters: self.texture.parameters(&seen) }
     }
 
+    /// Returns its index in the scene's table.
+    pub fn brdf(&self) -> u32 {
+        self.brdf
+    }
+
+    /// Returns the tiles per unit of the texture coordinates.
+    pub fn repeat(&self) -> f32 {
+        self.repeat
+    }
+
     /// Returns the material with its table index increased by `later`.
     pub(super) fn renumbered(&self, later: u32) -> Self {
         Self { brdf: self.brdf + later, ..self.clone() }

@@ -26,6 +26,7 @@ pub struct Form {
 }
 
 pub const MIRROR: Form = Form { base: 0.05, peak: 3.0, width: 0.3, grazing: 0.3, waves: 0.0, seed: 0 };
+#[allow(dead_code, reason = "not every test binary asks for it")]
 pub const MATTE: Form = Form { base: 0.2, peak: 0.3, width: 0.8, grazing: 0.5, waves: 0.0, seed: 0 };
 #[allow(dead_code, reason = "not every test binary asks for it")]
 pub const ODD: Form = Form { base: 0.3, peak: 1.5, width: 0.5, grazing: 0.2, waves: 0.25, seed: 3 };

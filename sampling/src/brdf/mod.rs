@@ -151,6 +151,11 @@ pub trait Brdf: fmt::Debug + Send + Sync {
         None
     }
 
+    /// All numbers of the BRDF beside its parameters, for implementations on other devices; `None` by default.
+    fn flat(&self) -> Option<Vec<f32>> {
+        None
+    }
+
     /// Findings from loading the BRDF: a line for the user.
     fn note(&self) -> Option<String> {
         None

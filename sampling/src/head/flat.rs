@@ -1,10 +1,7 @@
 //! A head as flat arrays, for implementations on other devices.
 
-use super::{Head, Linear, Mode};
+use super::{Head, Mode};
 use crate::{flat::FlatArray, spline::bin_count};
-
-/// Number of outputs whose weights are stored together.
-const BLOCK: usize = 4;
 
 impl Head {
     /// The arrays that draws and pdfs read. Layers are in the order of [`Self::layers`]: encoder,
@@ -22,8 +19,8 @@ impl Head {
         let (mut layers, mut weights) = (Vec::new(), Vec::new());
         for (_, layer) in self.layers() {
             let start = weights.len();
-            append(layer, &mut weights);
-            let biases = weights.len() - layer.outputs().next_multiple_of(BLOCK);
+            layer.append_blocks(&mut weights);
+            let biases = weights.len() - layer.outputs().next_multiple_of(4);
             layers.extend([layer.inputs(), layer.outputs(), start, biases].map(|number| number as u32));
         }
         let [elevation, azimuth] = [&self.elevation, &self.azimuth];
@@ -44,18 +41,4 @@ impl Head {
             FlatArray::floats("head.slope", vec![1], vec![self.leaky_slope]),
         ]
     }
-}
-
-/// Appends the weights of a layer in blocks, then its biases.
-fn append(layer: &Linear, out: &mut Vec<f32>) {
-    let (inputs, outputs) = (layer.inputs(), layer.outputs());
-    for first in (0..outputs).step_by(BLOCK) {
-        for input in 0..inputs {
-            out.extend(
-                (first..first + BLOCK).map(|row| layer.weight().get(row * inputs + input).copied().unwrap_or(0.0)),
-            );
-        }
-    }
-    out.extend(layer.bias());
-    out.resize(out.len().next_multiple_of(BLOCK), 0.0);
 }

@@ -21,7 +21,7 @@ use std::fmt;
 use glam::Vec3;
 
 use super::{Brdf, LobeMixture, Surfaces, parameters::LATENTS};
-use crate::{error::Result, simd::Lanes};
+use crate::{error::Result, linear::append_network, simd::Lanes};
 
 /// A measured BRDF: a network for evaluation, and a mixture of lobes fitted to it for sampling.
 pub struct NeuralBrdf {
@@ -108,6 +108,15 @@ impl Brdf for NeuralBrdf {
 
     fn identity(&self) -> Option<blake3::Hash> {
         Some(self.hash)
+    }
+
+    /// The [lobes](LobeMixture::append_to), then the network: its number of layers and 0; for each layer its inputs, its
+    /// outputs, the weights `[blocks, inputs, 4]` of four outputs each, and the biases `[blocks, 4]`.
+    fn flat(&self) -> Option<Vec<f32>> {
+        let mut numbers = Vec::new();
+        self.mixture.append_to(&mut numbers);
+        append_network(self.network.layers(), 0.0, &mut numbers);
+        Some(numbers)
     }
 
     fn note(&self) -> Option<String> {

@@ -61,6 +61,10 @@ impl Brdf for NeuralTexture {
     fn identity(&self) -> Option<blake3::Hash> {
         Some(self.hash())
     }
+
+    fn flat(&self) -> Option<Vec<f32>> {
+        Some(self.flat_numbers())
+    }
 }
 
 /// The tangent frame of one lane: the frame of the normal, rotated to the tangent.

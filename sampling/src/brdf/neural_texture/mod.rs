@@ -31,7 +31,12 @@ use std::fmt;
 
 use glam::{Vec2, Vec3};
 
-use crate::{error::Result, frame::Frame, linear::Linear, simd};
+use crate::{
+    error::Result,
+    frame::Frame,
+    linear::{Linear, append_network},
+    simd,
+};
 use network::Network;
 
 /// Numbers per texel.
@@ -185,6 +190,20 @@ impl NeuralTexture {
         let shift = FARTHEST_SHIFT * (2.0 * simd::sigmoid(raw[0]) - 1.0);
         let shift = shift / seen.wo.z.max(LEAST_SHIFT_COSINE);
         self.pyramid.sample(seen.uv + shift * Vec2::new(seen.wo.x, seen.wo.y), level)
+    }
+
+    /// Returns the material for other devices: the side of the finest texture; the places of the networks of mixture and
+    /// reflectance, and of the texels; the networks of shift, mixture and reflectance (as those of measured materials), and the
+    /// texels of all levels, the finest first, of eight features each.
+    fn flat_numbers(&self) -> Vec<f32> {
+        let mut numbers = vec![0.0; 4];
+        for (place, network) in [&self.shift, &self.mixture, &self.reflectance].into_iter().enumerate() {
+            append_network(network.layers(), network.leaky_slope(), &mut numbers);
+            numbers[place + 1] = numbers.len() as f32;
+        }
+        numbers[0] = self.pyramid.side() as f32;
+        numbers.extend(self.pyramid.texels().as_flattened());
+        numbers
     }
 
     /// The parameters of the [`Brdf`](super::Brdf) at a point: features, then the tangent.
