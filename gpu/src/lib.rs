@@ -10,7 +10,7 @@
 //! | `geometry.rs`, `wgsl/rays.wgsl` | triangles and their hierarchy; rays |
 //! | `surfaces.rs`, `wgsl/surface.wgsl` | attributes, materials and textures |
 //! | `wgsl/reflection.wgsl` | reflection at a shading point |
-//! | `wgsl/fitted.wgsl`, `measured.wgsl`, `neural.wgsl` | networks of measured and neural materials |
+//! | `wgsl/fitted_point.wgsl`, `neural_texture.wgsl` | points of measured and neural materials |
 //! | `map.rs`, `wgsl/map.wgsl` | the environment map |
 //! | `points.rs`, `wgsl/points.wgsl` | the camera, and the numbers of samples |
 //! | `visibility.rs`, `wgsl/visibility.wgsl` | weights that the host has learned |

@@ -9,7 +9,7 @@ use headtail_render::{
     scene::Scene,
     spec::{BuildContext, SamplerSpec},
 };
-use headtail_shaders::{BRDF, Shader};
+use headtail_shaders::{BRDF, FITTED, Shader};
 
 use crate::{error::Result, geometry::Geometry, map, sampler::DeviceSampler, surfaces::Surfaces};
 
@@ -18,9 +18,8 @@ const RAYS: &str = include_str!("../wgsl/rays.wgsl");
 const MAP: &str = include_str!("../wgsl/map.wgsl");
 const SURFACE: &str = include_str!("../wgsl/surface.wgsl");
 const REFLECTION: &str = include_str!("../wgsl/reflection.wgsl");
-const FITTED: [&str; 3] =
-    [include_str!("../wgsl/fitted.wgsl"), include_str!("../wgsl/measured.wgsl"), include_str!("../wgsl/neural.wgsl")];
-const NO_FITTED: [&str; 1] = [include_str!("../wgsl/no_fitted.wgsl")];
+const ON_TEXTURES: [&str; 2] = [include_str!("../wgsl/neural_texture.wgsl"), include_str!("../wgsl/fitted_point.wgsl")];
+const NO_FITTED: &str = include_str!("../wgsl/no_fitted.wgsl");
 const PATH: &str = include_str!("../wgsl/path.wgsl");
 
 /// The compute shader's entry point: one invocation per pixel, in workgroups of 8 x 8.
@@ -128,7 +127,7 @@ impl Program {
     /// If the shaders do not have the SPEC, its file is for another map, or there are no portals.
     pub fn new(scene: &LitScene, spec: &SamplerSpec, context: BuildContext<'_>) -> Result<Self> {
         let LitScene { geometry, surfaces, environment, .. } = scene;
-        let sampler = DeviceSampler::new(spec, environment, context)?;
+        let sampler = DeviceSampler::new(spec, (environment, surfaces.has_fitted), context)?;
         let groups = sampler.groups();
         let Shader { mut source, mut floats, mut integers, .. } = Shader::functions(&sampler.arrays, sampler.weights)?;
         let constants = [
@@ -149,8 +148,8 @@ impl Program {
             let _ = writeln!(source, "const HEADTAIL_{name}: u32 = {value}u;");
         }
         let _ = writeln!(source, "const HEADTAIL_IS_EMISSIVE: bool = {};", surfaces.is_emissive);
-        let fitted: &[&str] = if surfaces.has_fitted { &FITTED } else { &NO_FITTED };
-        let parts = [BRDF, POINTS, RAYS, MAP, SURFACE, REFLECTION].into_iter().chain(fitted.iter().copied());
+        let fitted = if surfaces.has_fitted { [&FITTED[..], &ON_TEXTURES].concat() } else { vec![NO_FITTED] };
+        let parts = [BRDF, POINTS, RAYS, MAP, SURFACE, REFLECTION].into_iter().chain(fitted);
         for part in parts.chain(sampler.sources).chain([PATH]) {
             source.push('\n');
             source.push_str(part);

@@ -27,6 +27,8 @@ const VISIBILITY: &str = include_str!("../wgsl/visibility.wgsl");
 const NO_CELLS: &str = include_str!("../wgsl/no_cells.wgsl");
 const OWN_WEIGHT: &str = include_str!("../wgsl/own_weight.wgsl");
 const HALF_WEIGHT: &str = include_str!("../wgsl/half_weight.wgsl");
+const TELL_MATERIAL: &str = include_str!("../wgsl/tell_material.wgsl");
+const TELL_NOTHING: &str = include_str!("../wgsl/tell_nothing.wgsl");
 
 /// A SPEC for a map.
 pub struct DeviceSampler {
@@ -42,17 +44,23 @@ pub struct DeviceSampler {
 }
 
 impl DeviceSampler {
-    /// Makes the arrays of a SPEC for a map and what else is known of a scene.
+    /// Makes the arrays of a SPEC for a map, a scene with or without measured and neural materials, and what else is known
+    /// of it.
     ///
     /// # Errors
     /// If devices do not have the SPEC, or its file is for another map.
-    pub fn new(spec: &SamplerSpec, environment: &Arc<Environment>, context: BuildContext<'_>) -> Result<Self> {
+    pub fn new(
+        spec: &SamplerSpec,
+        (environment, has_fitted): (&Arc<Environment>, bool),
+        context: BuildContext<'_>,
+    ) -> Result<Self> {
         let not_covered = |instead| Error::NotCovered { what: format!("sampler '{spec}'"), instead };
         let combiner = spec.combiner();
         if matches!(combiner, Combiner::Ris(_)) && environment.has_extreme_lamps() {
             return Err(not_covered("under a map with such lamps, choose mis2-comp or patches"));
         }
         let light = || EnvironmentLight::new(environment.clone(), TailKind::Hierarchical);
+        let mut sees_material = false;
         let (arrays, mut is_mixed, has_own_weight) = match spec.source() {
             Source::Brdf | Source::Cosine => (Vec::new(), false, false),
             Source::Emitter => (light()?.tail().flat(), false, false),
@@ -65,9 +73,7 @@ impl DeviceSampler {
                 let exported = kind.read(file)?;
                 exported.check_environment(environment).map_err(|error| error.in_file(file))?;
                 let is_head = matches!(kind, FileKind::Head | FileKind::HeadOverPatches);
-                if of_other_material(&exported) {
-                    return Err(not_covered("heads of measured and neural materials render on the CPU"));
-                }
+                sees_material = is_told_of_material(&exported);
                 let arrays = flat_exported(&exported).map_err(|error| error.in_file(file))?;
                 (arrays, *kind == FileKind::HeadOverPatches, is_head)
             }
@@ -79,10 +85,12 @@ impl DeviceSampler {
         };
         is_mixed |= spec.companion() == Companion::Brdf;
         let weight = if has_own_weight { OWN_WEIGHT } else { HALF_WEIGHT };
+        // Without these materials, what heads are told of them stays 0.
+        let tell = if sees_material && has_fitted { TELL_MATERIAL } else { TELL_NOTHING };
         let mut sources = match (arrays.is_empty(), is_mixed) {
             (true, _) => vec![BRDF_ALONE],
-            (false, false) => vec![PREPARE_POINT, SOURCE_ALONE],
-            (false, true) => vec![PREPARE_POINT, weight, ONE_SAMPLE_MIS],
+            (false, false) => vec![PREPARE_POINT, tell, SOURCE_ALONE],
+            (false, true) => vec![PREPARE_POINT, tell, weight, ONE_SAMPLE_MIS],
         };
         sources.push(match combiner {
             Combiner::One | Combiner::Split(_) => MEAN,
@@ -126,8 +134,8 @@ impl DeviceSampler {
     }
 }
 
-/// Whether a head has conditions that no surface has here.
-fn of_other_material(exported: &ExportedSampler) -> bool {
+/// Whether it is a head that is told of measured or neural materials.
+fn is_told_of_material(exported: &ExportedSampler) -> bool {
     match &exported.intermediate {
         Intermediate::Head(head) => matches!(head.condition(), Condition::Family | Condition::Texture),
         Intermediate::Bake(_) | Intermediate::DirectBake(_) => false,

@@ -93,7 +93,7 @@ fn headtail_schlick(f0: vec3<f32>, wo: vec3<f32>, wi: vec3<f32>) -> vec3<f32> {
 // BRDF x cosine per channel; 0 below the geometric surface.
 fn headtail_reflected(at: HeadtailPoint, wi: vec3<f32>) -> vec3<f32> {
     if (!(dot(at.ng, wi) > 0.0)) { return vec3<f32>(0.0); }
-    if (HEADTAIL_HAS_FITTED && at.is_fitted) { return headtail_fitted_reflected(at, wi); }
+    if (HEADTAIL_HAS_FITTED && at.is_fitted) { return headtail_fitted_reflected(at.ns, at.wo, wi); }
     let cos_i = dot(at.ns, wi);
     var value = at.diffuse * (HEADTAIL_INVERSE_PI * max(cos_i, 0.0));
     if (at.is_layered) { value *= at.left * headtail_left(at.alpha, cos_i); }
@@ -105,7 +105,7 @@ fn headtail_reflected(at: HeadtailPoint, wi: vec3<f32>) -> vec3<f32> {
 
 // The solid-angle pdf of BRDF sampling.
 fn headtail_bsdf_pdf(at: HeadtailPoint, wi: vec3<f32>) -> f32 {
-    if (HEADTAIL_HAS_FITTED && at.is_fitted) { return headtail_fitted_pdf(at, wi); }
+    if (HEADTAIL_HAS_FITTED && at.is_fitted) { return headtail_fitted_pdf(at.ns, at.wo, wi); }
     let diffuse = HEADTAIL_INVERSE_PI * max(dot(at.ns, wi), 0.0);
     if (!(at.specular_weight > 0.0)) { return diffuse; }
     let specular = headtail_brdf_pdf(at.ns, at.wo, wi, at.alpha);
@@ -114,7 +114,10 @@ fn headtail_bsdf_pdf(at: HeadtailPoint, wi: vec3<f32>) -> f32 {
 
 // Draws a direction by BRDF sampling: (wi, pdf); pdf 0 is no sample.
 fn headtail_bsdf_sample(at: HeadtailPoint, u: vec2<f32>) -> vec4<f32> {
-    if (HEADTAIL_HAS_FITTED && at.is_fitted) { return headtail_fitted_sample(at, u); }
+    if (HEADTAIL_HAS_FITTED && at.is_fitted) {
+        let wi = headtail_fitted_draw(at.ns, at.wo, u);
+        return vec4<f32>(wi, headtail_fitted_pdf(at.ns, at.wo, wi));
+    }
     let weight = at.specular_weight;
     let is_specular = u.x < weight;
     let x = min(select((u.x - weight) / (1.0 - weight), u.x / weight, is_specular), HEADTAIL_BELOW_ONE);

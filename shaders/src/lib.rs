@@ -10,6 +10,7 @@
 //! | `hierarchical.wgsl`, `row_column.wgsl`, `flow.wgsl` | tails |
 //! | `cells.wgsl` | the cells of a map |
 //! | `brdf.wgsl` | diffuse and microfacet surfaces |
+//! | `fitted.wgsl`, `measured.wgsl`, `neural.wgsl` | networks of measured and neural materials |
 //! | `patches.wgsl`, `unoccluded.wgsl`, `table.wgsl` | patches and their weights; tables |
 //! | `network.wgsl`, `rational_quadratic.wgsl`, `spline.wgsl`, `head.wgsl` | heads |
 //! | `tail_alone.wgsl`, `portals.wgsl`, `patches_alone.wgsl`, `head_over_tail.wgsl`, `head_over_patches.wgsl` | complete samplers |
@@ -78,6 +79,10 @@ pub struct Shader {
 
 /// Functions of diffuse and microfacet surfaces, over those of [`Shader::functions`].
 pub const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
+/// Functions of measured and neural materials, over those of [`BRDF`] and a function `headtail_number` that reads their numbers,
+/// [`Brdf::flat`](headtail_sampling::brdf::Brdf::flat).
+pub const FITTED: [&str; 3] =
+    [include_str!("../wgsl/fitted.wgsl"), include_str!("../wgsl/measured.wgsl"), include_str!("../wgsl/neural.wgsl")];
 /// Weights of patches without visibility.
 pub const UNOCCLUDED: &str = include_str!("../wgsl/unoccluded.wgsl");
 const SQUARE: &str = include_str!("../wgsl/square.wgsl");
@@ -159,7 +164,11 @@ impl Shader {
             Ok(_) => &[PREPARED, UNOCCLUDED, PATCHES, PATCHES_ALONE, training::IN_PATCHES][..],
             Err(_) => &[training::IN_TAIL],
         };
-        shader.append(&[&[SQUARE][..], &tail, square, &[BRDF], &training::TARGETS, &[points]].concat());
+        let surface = match shape_of(arrays, "material.numbers") {
+            Ok(_) => [&FITTED[..], &[training::FITTED_SURFACE]].concat(),
+            Err(_) => vec![training::ANALYTIC_SURFACE],
+        };
+        shader.append(&[&[SQUARE][..], &tail, square, &[BRDF], &surface, &training::TARGETS, &[points]].concat());
         Ok(shader)
     }
 

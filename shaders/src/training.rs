@@ -6,9 +6,12 @@
 
 use crate::RATIONAL_QUADRATIC;
 
-/// Random numbers, surfaces and the target at points; see [`crate::Shader::of_targets`].
+/// Random numbers, and the target at points; see [`crate::Shader::of_targets`].
 pub(crate) const TARGETS: [&str; 2] =
     [include_str!("../wgsl/train/random.wgsl"), include_str!("../wgsl/train/targets.wgsl")];
+/// The surfaces of conditions.
+pub(crate) const ANALYTIC_SURFACE: &str = include_str!("../wgsl/train/analytic_surface.wgsl");
+pub(crate) const FITTED_SURFACE: &str = include_str!("../wgsl/train/fitted_surface.wgsl");
 /// The square of a head: over a tail, or over patches over a tail.
 pub(crate) const IN_TAIL: &str = include_str!("../wgsl/train/in_tail.wgsl");
 pub(crate) const IN_PATCHES: &str = include_str!("../wgsl/train/in_patches.wgsl");
@@ -17,9 +20,9 @@ pub(crate) const STRATA: &str = include_str!("../wgsl/train/strata.wgsl");
 pub(crate) const TABULATED: &str = include_str!("../wgsl/train/tabulated.wgsl");
 
 /// The constants of the shader that draws targets: numbers of points, of points per condition, of strata per
-/// side and of BRDF samples; place and stride of the conditions in the arena; whether surfaces are microfacets,
-/// whether their width is part of the condition, and whether points are of X.
-pub const TARGET_SIZES: [&str; 9] = [
+/// side and of BRDF samples; place and stride of the conditions in the arena; whether surfaces are microfacets, whether
+/// their width is part of the condition, and whether they are of a neural material; whether points are of X.
+pub const TARGET_SIZES: [&str; 10] = [
     "POINTS",
     "SAMPLES",
     "STRATA",
@@ -28,6 +31,7 @@ pub const TARGET_SIZES: [&str; 9] = [
     "CONDITION_STRIDE",
     "IS_GLOSSY",
     "HAS_ALPHA",
+    "IS_NEURAL",
     "IS_IN_X",
 ];
 
@@ -170,11 +174,14 @@ mod tests {
         let (tree, rows) = (of(TailKind::Hierarchical), of(TailKind::RowColumn));
         let light = FlatArray::floats("light.cells", vec![512, 1024], vec![1.0; 8]);
         let patches = flat_patches(&tree, Detail::Twigs).unwrap();
+        let material = FlatArray::floats("material.numbers", vec![8], vec![1.0; 8]);
         for (name, arrays, entries) in [
             ("tree", tree.flat(), &["place_strata"][..]),
             ("rows", rows.flat(), &["place_strata"]),
-            ("patches", patches, &["place_strata"]),
-            ("table", [rows.flat(), vec![light]].concat(), &["tabulate", "sum_rows", "place_tabulated"]),
+            ("patches", patches.clone(), &["place_strata"]),
+            ("table", [rows.flat(), vec![light.clone()]].concat(), &["tabulate", "sum_rows", "place_tabulated"]),
+            ("fitted", [patches, vec![material.clone()]].concat(), &["place_strata"]),
+            ("fitted table", [rows.flat(), vec![light, material]].concat(), &["tabulate", "place_tabulated"]),
         ] {
             let shader = Shader::of_targets(&arrays, [4; TARGET_SIZES.len()], 0.25).unwrap();
             for entry in entries {

@@ -1,7 +1,8 @@
 // A head warp: two splines over the square whose logits are given by networks of the condition, once it was seen.
 
-// What a head for many measured materials is told of one; to be set before the calls. Other heads do not look at it.
-var<private> headtail_latents: array<f32, 6>;
+// What a head for measured or neural materials is told of one, to be set before the calls: the six latents of a measured one; features, first
+// tangent and handedness of a neural one. Other heads do not look at it.
+var<private> headtail_latents: array<f32, 12>;
 
 const HEADTAIL_ELEVATION: u32 = HEADTAIL_HEAD_ENCODER_LAYERS;
 const HEADTAIL_AZIMUTH: u32 = HEADTAIL_ELEVATION + HEADTAIL_HEAD_ELEVATION_LAYERS;
@@ -27,8 +28,8 @@ fn headtail_see(n: vec3<f32>, wo: vec3<f32>, alpha: f32) {
             headtail_units[10] = alpha;
             headtail_units[11] = headtail_ln(alpha);
         }
-        if (HEADTAIL_HEAD_CONDITION == 16u) {
-            for (var k = 0u; k < 6u; k++) { headtail_units[10u + k] = headtail_latents[k]; }
+        if (HEADTAIL_HEAD_CONDITION > 12u) {
+            for (var k = 10u; k < HEADTAIL_HEAD_CONDITION; k++) { headtail_units[k] = headtail_latents[k - 10u]; }
         }
     }
     var start = 0u;

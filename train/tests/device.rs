@@ -2,6 +2,9 @@
 //!
 //! Without a graphics adapter, not even a software one, the tests say so and count as ignored.
 
+#[path = "../../render/tests/networks/mod.rs"]
+mod networks;
+
 use std::{
     path::Path,
     sync::atomic::{AtomicBool, Ordering},
@@ -9,8 +12,10 @@ use std::{
 
 use headtail_model::{Condition, EncoderConfig, Flow, FlowConfig, FlowForm, Head, HeadConfig, Mode};
 use headtail_render::{
+    brdf::neural::write_networks,
     environment::Environment,
     random::Purpose,
+    scene::{MaterialSpec, Scene},
     tail::{Tail, TailKind},
 };
 use headtail_train::{
@@ -146,16 +151,26 @@ fn same_batches(
     config.head.condition = condition_of(&config.material);
     (config.conditions, config.strata, config.brdf_samples) = (64, 12, 100);
     change(&mut config);
-    same_batch(&config, &tail, (apart, fraction)).map_err(|reason| format!("{name}, {material}, {reason:?}").into())
+    let viewpoints = viewpoints_of(&config.material)?;
+    same_batch(&config, &tail, viewpoints, (apart, fraction))
+        .map_err(|reason| format!("{name}, {material}, {reason:?}").into())
+}
+
+/// Neural materials are seen on a cloth, beside diffuse surfaces.
+fn viewpoints_of(material: &MaterialSpec) -> Result<Viewpoints, Failed> {
+    let MaterialSpec::Neural(_) = material else { return Ok(Viewpoints::Sphere) };
+    let cloth = Scene::open("cloth")?;
+    let (bounds, camera) = (cloth.bounds(), cloth.camera());
+    Ok(Viewpoints::of_scene(&material.dress(cloth, &bounds)?, &camera, 64, 48, 1)?)
 }
 
 /// As [`same_batches`], for one tail.
-fn same_batch(config: &FitConfig, tail: &Tail, (apart, fraction): (f32, f32)) -> Outcome {
-    let target = build_target(config, tail, Viewpoints::Sphere)?;
+fn same_batch(config: &FitConfig, tail: &Tail, viewpoints: Viewpoints, (apart, fraction): (f32, f32)) -> Outcome {
+    let target = build_target(config, tail, viewpoints)?;
     let expected = Batch::draw(&*target, config.batch_shape(), config.seed, Purpose::Batch, 5)?;
     let head = Head::new(config.head, 0, &Backend::default().device()?)?;
     let found =
-        DeviceGradient::new(Gpu::open()?, &head)?.batch(config, &*target, 5)?.ok_or("the target is in closed form")?;
+        DeviceGradient::new(Gpu::open()?, &head)?.batch(config, &*target, 5)?.ok_or("devices draw the target")?;
     let lists = |batch: &Batch| {
         let Batch { points, densities, weights, brdf, tails, .. } = batch;
         [points, densities, weights, brdf, tails].map(Vec::clone)
@@ -197,6 +212,22 @@ fn same_targets_over_patches_as_the_host() -> Outcome {
     Ok(())
 }
 
+/// As [`same_targets_as_the_host`], where networks reflect, over patches and from tables, too.
+fn same_targets_of_networks_as_the_host() -> Outcome {
+    let folder = tempfile::tempdir()?;
+    let measured = folder.path().join("measured.safetensors");
+    let forms = [("mirror", networks::MIRROR), ("odd", networks::ODD)];
+    write_networks(&measured, &forms.map(|(name, form)| (name.to_owned(), form.network())))?;
+    let of = |names: &str| format!("nbrdf:{}#{names}", measured.display());
+    for material in [of("mirror,odd"), of("odd"), "neural:../checkpoints/satin.safetensors".into()] {
+        same_batches(MAPS[0], &material, |_| {}, (1e-3, 2e-3))?;
+        same_batches(MAPS[1], &material, |config| config.over = Over::FinePatches, (1e-3, 4e-3))?;
+        let tabulated = |config: &mut FitConfig| (config.points, config.conditions) = (Points::Tabulated, 20);
+        same_batches(MAPS[2], &material, tabulated, (2e-3, 1e-2))?;
+    }
+    Ok(())
+}
+
 /// Running sums are rounded to 6e-8 of a row: of cells with a tenth of the mean probability of their row, by 1.2e-3 of
 /// their own, on the host as on the device. The conditions are more than a device without memory of its own tabulates
 /// together.
@@ -220,7 +251,7 @@ fn same_tabulated_targets_over_a_flow_as_the_host() -> Outcome {
     let interrupt = AtomicBool::new(false);
     let run = Run { progress: &mut |_: &Progress| Ok(()), interrupt: &interrupt, checkpoints: None, warn: &mut |_| {} };
     let tail = fit_flow(&config, &exact, run)?.tail;
-    same_batch(&config, &tail, (2e-3, 1e-2))
+    same_batch(&config, &tail, Viewpoints::Sphere, (2e-3, 1e-2))
 }
 
 /// A run of ten steps, with a norm that clips most gradients.
@@ -368,6 +399,7 @@ fn main() {
         Trial::test("too_many_points_of_a_condition_are_refused", too_many_points_of_a_condition_are_refused),
         Trial::test("same_targets_as_the_host", same_targets_as_the_host),
         Trial::test("same_targets_over_patches_as_the_host", same_targets_over_patches_as_the_host),
+        Trial::test("same_targets_of_networks_as_the_host", same_targets_of_networks_as_the_host),
         Trial::test("same_tabulated_targets_as_the_host", same_tabulated_targets_as_the_host),
         Trial::test("same_tabulated_targets_over_a_flow_as_the_host", same_tabulated_targets_over_a_flow_as_the_host),
         Trial::test("same_losses_as_the_fused_form", same_losses_as_the_fused_form),

@@ -1,6 +1,8 @@
 //! Pictures of a device (Mesa's software adapter if there is no other) match those of the CPU for the same points.
 
 mod furnished;
+#[path = "../../../render/tests/layers/mod.rs"]
+mod layers;
 #[path = "../../../render/tests/networks/mod.rs"]
 mod networks;
 
@@ -17,16 +19,19 @@ use headtail_render::{
     environment::Environment,
     estimator::LearnedVisibility,
     export::{ExportedSampler, Intermediate},
+    head::{Condition, Head, Mode},
     image::Image,
     integrator::{self, Budget, Rendering, View, learn_visibility},
     patches::Detail,
     points::{PointSet, Points},
     portals::Portals,
+    random::{Purpose, Stream},
     scene::{Material, MaterialSpec, Scene},
     spec::{BuildContext, SamplerSpec, Source},
     tail::{Tail, TailKind},
 };
 use headtail_shaders::gpu::Gpu;
+use layers::random_layers;
 use libtest_mimic::{Arguments, Failed, Trial};
 
 const WIDTH: usize = 40;
@@ -59,12 +64,14 @@ const GGX: Option<&str> = Some("ggx:alpha=0.2..0.6");
 const TABLE: &str = "{table}";
 /// Stands for a file of two measured materials.
 const MEASURED: &str = "{measured}";
+/// Stand for files of heads that are told of measured and of neural materials.
+const HEADS: [(&str, Condition); 2] = [("{family}", Condition::Family), ("{texture}", Condition::Texture)];
 /// Stands for a file of visibility of the case's scene under its map.
 const VISIBILITY: &str = "{visibility}";
 /// The scene of `furnished.rs`.
 const FURNISHED: &str = "furnished";
 
-const CASES: [Case; 24] = [
+const CASES: [Case; 26] = [
     case("temple", "studio", LAMBERT, "brdf"),
     case("temple", "studio", LAMBERT, "head+mis:../checkpoints/studio-head.safetensors"),
     case("temple", "sunset", LAMBERT, "split:2:direct+mis:{table}"),
@@ -87,7 +94,9 @@ const CASES: [Case; 24] = [
     Case { depth: 3, ..case(FURNISHED, "studio", None, "brdf") },
     case("dishes", "window", Some("nbrdf:{measured}#mirror,odd"), "mis2-comp"),
     Case { depth: 2, ..case("dishes", "sunset", Some("nbrdf:{measured}#odd"), "patches") },
+    case("dishes", "studio", Some("nbrdf:{measured}#mirror,odd"), "head+mis:{family}"),
     case("cloth", "studio", Some("neural:../checkpoints/satin.safetensors"), "mis2-comp"),
+    case("cloth", "window", Some("neural:../checkpoints/satin.safetensors"), "head+mis:{texture}"),
     Case { depth: 3, ..case("cloth", "sunset", Some("neural:../checkpoints/jersey.safetensors"), "split:2:patches") },
 ];
 
@@ -126,7 +135,14 @@ impl Case {
             let patches = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
             learn_visibility(view, &patches, None, (4, 1), &stop, &|_| {}).write(&visibility)?;
         }
-        let spec = self.spec.replace(TABLE, &table.display().to_string());
+        let mut spec = self.spec.replace(TABLE, &table.display().to_string());
+        for (name, condition) in HEADS {
+            let path = folder.path().join("head.safetensors");
+            if spec.contains(name) {
+                write_head(condition, &environment, &path)?;
+                spec = spec.replace(name, &path.display().to_string());
+            }
+        }
         let spec: SamplerSpec = spec.replace(VISIBILITY, &visibility.display().to_string()).parse()?;
         let portals = match spec.source() {
             Source::Portals(_) => Portals::find(&scene, &camera)?.portals,
@@ -157,6 +173,20 @@ fn write_table(environment: &Environment, path: &Path) -> Result<(), Failed> {
     let table = direct_bake(&tail, NormalGrid::new(8, 16)?, CellGrid::new(16, 16)?)?;
     let table = Intermediate::DirectBake(table);
     Ok(ExportedSampler::new(table, TailKind::Hierarchical, environment, None)?.write(path)?)
+}
+
+/// Writes a head with random weights.
+fn write_head(condition: Condition, environment: &Environment, path: &Path) -> Result<(), Failed> {
+    let mut random = Stream::new(5, Purpose::Weights, 4);
+    let mut network =
+        |sizes: &[usize]| random_layers(sizes, &mut random, |inputs| [2.0 * (3.0 / inputs as f32).sqrt(), 1.0]);
+    let (length, encoded, logits) = (condition.length(), 12, 3 * 4 + 1);
+    let encoder = network(&[length, 16, encoded]);
+    let seen = length + encoded;
+    let networks = [network(&[seen, 16, logits]), network(&[seen + 1, 16, logits])];
+    let head = Head::new(condition, Mode::Autoregressive, 0.01, encoder, networks)?;
+    let head = Intermediate::Head(head.with_mixture_weight(network(&[seen, 8, 1]))?);
+    Ok(ExportedSampler::new(head, TailKind::Hierarchical, environment, None)?.write(path)?)
 }
 
 /// Compares pictures pixel by pixel, and their means.

@@ -1,9 +1,7 @@
 // Points of the square of a head over patches over a tail.
 
 fn prepare_square(at: Surface) {
-    // Of microfacets with F = 1, the reflectance at normal incidence is 1.
-    let lobes = select(vec4<f32>(1.0, 0.0, 1.0, 1.0), vec4<f32>(0.0, 1.0, 1.0, at.alpha), at.alpha > 0.0);
-    headtail_prepare_patches(HeadtailSurface(at.n, at.wo, lobes));
+    headtail_prepare_patches(HeadtailSurface(at.n, at.wo, surface_lobes(at)));
 }
 
 // The point of X that patches and the tail carry z to, the density |dz/dx| there, and that of patches over Y: 0 where nothing is reflected.

@@ -13,9 +13,9 @@ fn place_strata(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workg
     var is_there = true;
     if (index >= STRATA * STRATA) {
         let turn = (f32(index - STRATA * STRATA) + u.x) / f32(BRDF_SAMPLES);
-        let wi = headtail_brdf_sample(at.n, at.wo, at.alpha, vec2<f32>(turn, u.y));
+        let wi = surface_draw(at, vec2<f32>(turn, u.y));
         let back = back_to_square(headtail_square(wi).xy);
-        is_there = headtail_brdf_pdf(at.n, at.wo, wi, at.alpha) > 0.0 && back.z > 0.0;
+        is_there = surface_pdf(at, wi) > 0.0 && back.z > 0.0;
         y = select(vec2<f32>(0.5), clamp(back.xy, vec2<f32>(0.0), vec2<f32>(HEADTAIL_BELOW_ONE)), is_there);
     }
     let values = values_at(at, y);

@@ -1,4 +1,4 @@
-// The surfaces of a batch's conditions, the target at points, and its place in the batch. Numbers of the batch are in the order that `loss.wgsl`
+// The target at points, and its place in the batch. Numbers of the batch are in the order that `loss.wgsl`
 // reads.
 
 @group(0) @binding(2) var<storage, read_write> batch: array<f32>;
@@ -14,18 +14,6 @@ fn condition_vector(row: u32, condition: u32) -> vec3<f32> {
     return vec3<f32>(condition_number(row, condition), condition_number(row + 1u, condition), condition_number(row + 2u, condition));
 }
 
-// Where alpha is 0, the surface is diffuse.
-struct Surface { n: vec3<f32>, wo: vec3<f32>, alpha: f32 }
-
-fn surface_of(condition: u32) -> Surface {
-    // Diffuse surfaces are told of the normal alone, others of the view direction first.
-    let first = condition_vector(0u, condition);
-    if (IS_GLOSSY == 0u) { return Surface(first, first, 0.0); }
-    var alpha = ALPHA;
-    if (HAS_ALPHA == 1u) { alpha = condition_number(10u, condition); }
-    return Surface(condition_vector(3u, condition), first, clamp(alpha, 1e-3, 1.0));
-}
-
 // What is known at a point of the square of a head: the point of X that it is carried to, the density over X there, the target, and the density of
 // BRDF sampling over the square.
 struct Values { x: vec2<f32>, tail: f32, density: f32, brdf: f32 }
@@ -35,10 +23,10 @@ fn values_at(at: Surface, y: vec2<f32>) -> Values {
     // Patches have no density here, because nothing is reflected from here.
     if (!(image.w > 0.0)) { return Values(image.xy, 1.0, 0.0, 0.0); }
     let wi = headtail_direction(image.xy);
-    let pdf = headtail_brdf_pdf(at.n, at.wo, wi.xyz, at.alpha);
+    let pdf = surface_pdf(at, wi.xyz);
     var brdf = 0.0;
     if (pdf > 0.0) { brdf = min(pdf / (wi.w * image.z), MAX_BRDF_DENSITY); }
-    return Values(image.xy, image.z, headtail_lobe(at.n, at.wo, wi.xyz, at.alpha) / image.w, brdf);
+    return Values(image.xy, image.z, surface_reflected(at, wi.xyz) / image.w, brdf);
 }
 
 // Writes a point with a weight, one over the density of points: of the square, or of X.

@@ -51,11 +51,17 @@ impl Targets {
         seen: Matrix,
         [batch, arena]: [&wgpu::Buffer; 2],
     ) -> Result<Self> {
-        let (is_glossy, alpha) = match target.surface {
-            ShaderSurface::Lambert => (false, 0.0),
-            ShaderSurface::Ggx { alpha } => (true, alpha),
-            ShaderSurface::GgxOfCondition => (true, 0.0),
-        };
+        let mut arrays = target.arrays.clone();
+        let (mut alpha, mut is_neural) = (0.0, false);
+        match &target.surface {
+            ShaderSurface::Lambert | ShaderSurface::GgxOfCondition => {}
+            ShaderSurface::Ggx { alpha: own } => alpha = *own,
+            ShaderSurface::Fitted { numbers, is_neural: own } => {
+                arrays.push(FlatArray::floats("material.numbers", vec![numbers.len()], numbers.clone()));
+                is_neural = *own;
+            }
+        }
+        let is_glossy = target.surface != ShaderSurface::Lambert;
         let has_alpha = target.surface == ShaderSurface::GgxOfCondition;
         // In the order of `TARGET_SIZES`.
         let sizes = [
@@ -67,10 +73,11 @@ impl Targets {
             seen.stride,
             is_glossy.into(),
             has_alpha.into(),
+            is_neural.into(),
             target.is_in_x.into(),
         ];
-        let shader = Shader::of_targets(&target.arrays, sizes, alpha)?;
-        let floats = gpu.buffer("the tail", 4 * shader.floats.len() as u64)?;
+        let shader = Shader::of_targets(&arrays, sizes, alpha)?;
+        let floats = gpu.buffer("tail and material", 4 * shader.floats.len() as u64)?;
         let integers = gpu.buffer("the tail", 4 * shader.integers.len() as u64)?;
         gpu.queue.write_buffer(&floats, 0, bytemuck::cast_slice(&shader.floats));
         gpu.queue.write_buffer(&integers, 0, bytemuck::cast_slice(&shader.integers));

@@ -12,7 +12,7 @@ use headtail_render::{
 };
 
 use super::{
-    RenderedSurface, Surface, Viewpoints,
+    RenderedSurface, ShaderSurface, Surface, Viewpoints,
     surface::{drawn, one_strip},
 };
 
@@ -80,6 +80,10 @@ impl Surface for MeasuredSurface {
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         let ([wo, n], mixture) = (directions(condition), self.brdf(condition).mixture());
         wi.iter().map(|&wi| mixture.pdf_at(n, wo, wi.into())).collect()
+    }
+
+    fn in_shaders(&self) -> Option<ShaderSurface> {
+        ShaderSurface::fitted(self.materials.iter().map(|material| &**material as &dyn Brdf), false)
     }
 }
 

@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3, Vec3A};
 use headtail_model::Condition;
 use headtail_render::{
     brdf::{
-        self, BrdfTable, MAX_PARAMETERS, NeuralTexture, OF_MATERIAL,
+        self, Brdf, BrdfTable, MAX_PARAMETERS, NeuralTexture, OF_MATERIAL,
         neural_texture::{FEATURES, Seen, TEXEL_WIDTH},
     },
     color::luminance,
@@ -18,11 +18,13 @@ use headtail_render::{
     tile::ShadingPoint,
 };
 
-use super::{RenderedSurface, Surface, Viewpoints};
+use super::{RenderedSurface, ShaderSurface, Surface, Viewpoints};
 
 /// Offset of the texture's values and the handedness in a condition.
 const MATERIAL: usize = head::MAX_CONDITION - OF_MATERIAL;
 const HAND: usize = head::MAX_CONDITION - 1;
+/// Copies of a shading point that are evaluated together.
+const COPIES: usize = 256;
 
 /// A neural material. Points of other surfaces in the camera's view are treated as diffuse: the head has to
 /// serve them, too.
@@ -58,8 +60,8 @@ impl TexturedSurface {
         numbers
     }
 
-    /// Returns `copies` of the shading point of a condition.
-    fn points(&self, condition: &[f32], copies: usize) -> OnePoint {
+    /// Returns the shading point of a condition, for lists of `length`.
+    fn points(&self, condition: &[f32], length: usize) -> OnePoint {
         let (wo, n) = (Vec3A::from_slice(condition), Vec3A::from_slice(&condition[3..]));
         let surface = if condition[HAND] == 0.0 {
             brdf::Lambert { albedo: Vec3::ONE }.into()
@@ -73,7 +75,7 @@ impl TexturedSurface {
             brdf::Surface { brdf: self.index, parameters }
         };
         let at = ShadingPoint { p: Vec3A::ZERO, ng: n, ns: n, wo, surface };
-        OnePoint::of_table(&at, copies, &self.table)
+        OnePoint::of_table(&at, length.clamp(1, COPIES), &self.table)
     }
 }
 
@@ -104,6 +106,10 @@ impl Surface for TexturedSurface {
     fn pdfs(&self, condition: &[f32], wi: &[Vec3A]) -> Vec<f32> {
         self.points(condition, wi.len()).brdf_pdfs(wi)
     }
+
+    fn in_shaders(&self) -> Option<ShaderSurface> {
+        ShaderSurface::fitted([&*self.texture as &dyn Brdf], true)
+    }
 }
 
 impl RenderedSurface for TexturedSurface {
@@ -117,6 +123,7 @@ mod tests {
     use headtail_render::{
         random::Purpose,
         scene::{MaterialSpec, Scene},
+        tile::MAX_POINTS,
     };
 
     use super::*;
@@ -160,5 +167,9 @@ mod tests {
             assert!(surface.pdfs(&condition, &[wi])[0] > 0.0 && surface.lobes(&condition, &[wi])[0] >= 0.0);
         }
         assert!(on_cloth > 210 && beside > 20, "{on_cloth} {beside}");
+        // Tables have more cells than a tile has points.
+        for count in [0, MAX_POINTS + 1] {
+            assert_eq!(surface.lobes(&condition, &vec![Vec3A::Y; count]).len(), count);
+        }
     }
 }

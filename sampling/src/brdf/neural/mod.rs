@@ -110,11 +110,12 @@ impl Brdf for NeuralBrdf {
         Some(self.hash)
     }
 
-    /// The [lobes](LobeMixture::append_to), then the network: its number of layers and 0; for each layer its inputs, its
+    /// The [lobes](LobeMixture::append_to), the [latents](Self::latent), then the network: its number of layers and 0; for each layer its inputs, its
     /// outputs, the weights `[blocks, inputs, 4]` of four outputs each, and the biases `[blocks, 4]`.
     fn flat(&self) -> Option<Vec<f32>> {
         let mut numbers = Vec::new();
         self.mixture.append_to(&mut numbers);
+        numbers.extend(self.latent());
         append_network(self.network.layers(), 0.0, &mut numbers);
         Some(numbers)
     }

@@ -1,9 +1,6 @@
-// Neural materials over texture coordinates (after Kuznetsov et al. 2021): textures of features, which a network shifts, a network of
-// BRDF x cosine, and a mixture of a cosine lobe and a shifted Trowbridge-Reitz lobe.
+// Neural materials (after Kuznetsov et al. 2021) at a point with its features: a network of BRDF x cosine, and a mixture of a cosine lobe and a
+// shifted Trowbridge-Reitz lobe.
 
-const HEADTAIL_TEXEL_WIDTH: f32 = 0.4;
-const HEADTAIL_FARTHEST_SHIFT: f32 = 0.25;
-const HEADTAIL_LEAST_SHIFT_COSINE: f32 = 0.15;
 const HEADTAIL_LARGEST_LOG: f32 = 6.0;
 const HEADTAIL_COSINE_FLOOR: f32 = 0.05;
 const HEADTAIL_LOBE_FLOOR: f32 = 0.02;
@@ -31,42 +28,15 @@ fn headtail_weight_of_lobe(raw: f32) -> f32 {
     return HEADTAIL_LOBE_FLOOR + (1.0 - HEADTAIL_LOBE_FLOOR - HEADTAIL_COSINE_FLOOR) * headtail_sigmoid(raw);
 }
 
+// Sets the tangents; the other one is `hand` times `n` x `s`.
+fn headtail_look_at_texture(n: vec3<f32>, s: vec3<f32>, hand: f32, wo: vec3<f32>) {
+    headtail_frame_of_texture = HeadtailFrame(s, hand * cross(n, s), n);
+    headtail_local_wo = headtail_to_texture(wo);
+}
+
 fn headtail_to_texture(w: vec3<f32>) -> vec3<f32> {
     let frame = headtail_frame_of_texture;
     return vec3<f32>(dot(frame.s, w), dot(frame.t, w), dot(frame.n, w));
-}
-
-// Adds the features of a level of `side` texels from `first` on, with a weight.
-fn headtail_add_features(first: u32, side: u32, uv: vec2<f32>, weight: f32) {
-    let place = (uv - floor(uv)) * f32(side) - 0.5;
-    let corner = floor(place);
-    let inside = place - corner;
-    for (var k = 0u; k < 4u; k++) {
-        let step = vec2<u32>(k & 1u, k >> 1u);
-        // From -1 to `side`, a power of two.
-        let texel = bitcast<vec2<u32>>(vec2<i32>(corner) + vec2<i32>(step)) & vec2<u32>(side - 1u);
-        let fractions = select(1.0 - inside, inside, step == vec2<u32>(1u));
-        let own = weight * fractions.x * fractions.y;
-        let at = first + 8u * (texel.y * side + texel.x);
-        headtail_features[0] += own * headtail_four_numbers(at);
-        headtail_features[1] += own * headtail_four_numbers(at + 4u);
-    }
-}
-
-// Looks the features up at a position in tiles and a level.
-fn headtail_find_features(given: vec2<f32>, level: f32) {
-    let uv = select(vec2<f32>(0.0), given, abs(given) < vec2<f32>(HEADTAIL_FAR));
-    let finest = u32(headtail_number(headtail_fitted));
-    let coarsest = firstLeadingBit(finest);
-    let bounded = clamp(level, 0.0, f32(coarsest));
-    let below = min(u32(bounded), coarsest);
-    let between = bounded - f32(below);
-    var first = headtail_fitted + u32(headtail_number(headtail_fitted + 3u));
-    for (var finer = 0u; finer < below; finer++) { first += 8u * (finest >> finer) * (finest >> finer); }
-    headtail_features = array<vec4<f32>, 2>();
-    let side = finest >> below;
-    headtail_add_features(first, side, uv, 1.0 - between);
-    if (between > 0.0) { headtail_add_features(first + 8u * side * side, side >> 1u, uv, between); }
 }
 
 // Makes the features and the direction to the viewer the inputs of a network.
@@ -76,18 +46,8 @@ fn headtail_see_features() {
     headtail_fitted_units[9] = headtail_local_wo.y;
 }
 
-// `tile` is the position and the footprint in tiles.
-fn headtail_neural_lobes(at: HeadtailPoint, tile: vec3<f32>, axes: HeadtailUvAxes) -> vec4<f32> {
-    let s = headtail_unit_or(axes.u - dot(axes.u, at.ns) * at.ns, headtail_frame(at.ns).s);
-    let across = cross(at.ns, s);
-    headtail_frame_of_texture = HeadtailFrame(s, select(across, -across, dot(across, axes.v) < 0.0), at.ns);
-    headtail_local_wo = headtail_to_texture(at.wo);
-    let level = log2(max(tile.z * headtail_number(headtail_fitted) / HEADTAIL_TEXEL_WIDTH, 1.0));
-    headtail_find_features(tile.xy, level);
-    headtail_see_features();
-    let raw_shift = headtail_fitted_units[headtail_fitted_network(headtail_fitted + 4u)];
-    let shift = HEADTAIL_FARTHEST_SHIFT * (2.0 * headtail_sigmoid(raw_shift) - 1.0) / max(headtail_local_wo.z, HEADTAIL_LEAST_SHIFT_COSINE);
-    headtail_find_features(tile.xy + shift * headtail_local_wo.xy, level);
+// Finds the lobes at a point whose features and tangents are known; returns the closest approximation by two lobes, as `headtail_sample` takes it.
+fn headtail_neural_lobes() -> vec4<f32> {
     headtail_see_features();
     let out = headtail_fitted_network(headtail_fitted + u32(headtail_number(headtail_fitted + 1u)));
     headtail_lobe_weight = headtail_weight_of_lobe(headtail_fitted_units[out]);

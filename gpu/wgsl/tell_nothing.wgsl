@@ -1,0 +1,3 @@
+// Samplers that are not told of the material.
+
+fn headtail_tell_material(at: HeadtailPoint) {}
