@@ -64,9 +64,13 @@ def native(library, spec, inputs, count):
         if name != "u":
             setattr(at, f"{name}_count", len(rows))
     wi, pdf = np.empty((count, 3), np.float32), np.empty(count, np.float32)
-    u, to_wi, to_pdf = (POINTER(rows.ctypes.data) for rows in (inputs["u"], wi, pdf))
-    size, seed = ctypes.c_size_t(count), ctypes.c_uint64(0)
-    return lambda: check(calls.headtail_sampler_sample(sampler, ctypes.byref(at), size, u, seed, to_wi, to_pdf, None)), lambda: pdf
+    size, seed, lists = ctypes.c_size_t(count), ctypes.c_uint64(0), (inputs["u"], wi, pdf)
+
+    def work():
+        u, to_wi, to_pdf = (POINTER(rows.ctypes.data) for rows in lists)
+        check(calls.headtail_sampler_sample(sampler, ctypes.byref(at), size, u, seed, to_wi, to_pdf, None))
+
+    return work, lambda: pdf
 
 
 def python(sampler, inputs, count):
