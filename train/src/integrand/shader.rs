@@ -39,7 +39,7 @@ pub enum ShaderSurface {
 impl ShaderSurface {
     /// Returns the surface of materials; `None` if one of them has no numbers.
     pub(super) fn fitted<'a>(materials: impl IntoIterator<Item = &'a dyn Brdf>, is_neural: bool) -> Option<Self> {
-        let mut own: Vec<Vec<f32>> = materials.into_iter().map(|material| material.flat()).collect::<Option<_>>()?;
+        let mut own: Vec<Vec<f32>> = materials.into_iter().map(Brdf::flat).collect::<Option<_>>()?;
         if is_neural {
             // Conditions have the features, so that texels, the last of a neural material's numbers, are not read.
             own.iter_mut().for_each(|numbers| numbers.truncate(numbers[3] as usize));
