@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use glam::{Vec3, Vec3A};
 use headtail_render::{
-    brdf::{BrdfTable, flat_lobe_albedo},
+    brdf::{Brdf, BrdfTable, FlatBrdf, flat_lobe_albedo},
     color::srgb_decode,
     flat::FlatNumbers,
     scene::{Filter, FlatFace, FlatMask, Material, Scene, Texture, TexturedMetallicRoughness, Wrap},
@@ -177,28 +177,26 @@ impl Surfaces {
                     self.is_emissive = true;
                 }
             }
-            Material::Indexed(brdf) => {
-                words[0] = MEASURED;
-                words[1] = self.fitted(brdfs, *brdf)?;
-            }
+            Material::Indexed(brdf) => (words[0], words[1]) = self.fitted(brdfs.get(*brdf))?,
             Material::Neural(neural) => {
                 set(2, &[neural.repeat()]);
-                words[0] = NEURAL;
-                words[1] = self.fitted(brdfs, neural.brdf())?;
+                (words[0], words[1]) = self.fitted(brdfs.get(neural.brdf()))?;
             }
         }
         Ok(words)
     }
 
-    /// Adds the numbers of a measured or neural material, and returns their place.
-    fn fitted(&mut self, brdfs: &BrdfTable, brdf: u32) -> Result<u32> {
-        let brdf = brdfs.get(brdf);
-        let not_covered = || Error::NotCovered {
-            what: format!("the material {brdf:?}"),
-            instead: "choose --material lambert or ggx:alpha=0.4",
-        };
+    /// Adds the numbers of a measured or neural material, and returns its kind and their place.
+    fn fitted(&mut self, brdf: &dyn Brdf) -> Result<(u32, u32)> {
         self.has_fitted = true;
-        Ok(self.add(&brdf.flat().ok_or_else(not_covered)?))
+        match brdf.flat() {
+            Some(FlatBrdf::Measured(numbers)) => Ok((MEASURED, self.add(&numbers))),
+            Some(FlatBrdf::Neural(numbers)) => Ok((NEURAL, self.add(&numbers))),
+            None => Err(Error::NotCovered {
+                what: format!("the material {brdf:?}"),
+                instead: "choose --material lambert or ggx:alpha=0.4",
+            }),
+        }
     }
 
     /// Adds a texture that was not added before, and returns its place.

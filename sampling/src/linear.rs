@@ -66,8 +66,7 @@ impl Linear {
     }
 }
 
-/// Appends a network for other devices: the number of layers, and the slope of the leaky ReLU before the last one; for each
-/// layer its inputs, its outputs, and its [blocks](Linear::append_blocks).
+/// Appends a network for other devices, see [`crate::brdf::FlatBrdf`].
 pub(crate) fn append_network(layers: &[Linear], leaky_slope: f32, out: &mut Vec<f32>) {
     out.extend([layers.len() as f32, leaky_slope]);
     for layer in layers {

@@ -80,7 +80,7 @@ pub struct Shader {
 /// Functions of diffuse and microfacet surfaces, over those of [`Shader::functions`].
 pub const BRDF: &str = include_str!("../wgsl/brdf.wgsl");
 /// Functions of measured and neural materials, over those of [`BRDF`] and a function `headtail_number` that reads their numbers,
-/// [`Brdf::flat`](headtail_sampling::brdf::Brdf::flat).
+/// [`FlatBrdf`](headtail_sampling::brdf::FlatBrdf).
 pub const FITTED: [&str; 3] =
     [include_str!("../wgsl/fitted.wgsl"), include_str!("../wgsl/measured.wgsl"), include_str!("../wgsl/neural.wgsl")];
 /// Weights of patches without visibility.
@@ -160,9 +160,14 @@ impl Shader {
         }
         // Writing to a string cannot fail.
         let _ = writeln!(shader.source, "const ALPHA: f32 = {alpha:?};");
-        let square = match shape_of(arrays, "patches.clusters") {
-            Ok(_) => &[PREPARED, UNOCCLUDED, PATCHES, PATCHES_ALONE, training::IN_PATCHES][..],
-            Err(_) => &[training::IN_TAIL],
+        let square = if shape_of(arrays, "patches.clusters").is_ok() {
+            &[PREPARED, UNOCCLUDED, PATCHES, PATCHES_ALONE, training::IN_PATCHES][..]
+        } else if let Ok(nodes) = shape_of(arrays, "light.nodes") {
+            shader.define("HEADTAIL_WIDTH", nodes[1]);
+            shader.define("HEADTAIL_ROWS", nodes[0] - 1);
+            &[CELLS, training::IN_FLOW][..]
+        } else {
+            &[training::IN_TAIL]
         };
         let surface = match shape_of(arrays, "material.numbers") {
             Ok(_) => [&FITTED[..], &[training::FITTED_SURFACE]].concat(),

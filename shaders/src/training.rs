@@ -12,8 +12,9 @@ pub(crate) const TARGETS: [&str; 2] =
 /// The surfaces of conditions.
 pub(crate) const ANALYTIC_SURFACE: &str = include_str!("../wgsl/train/analytic_surface.wgsl");
 pub(crate) const FITTED_SURFACE: &str = include_str!("../wgsl/train/fitted_surface.wgsl");
-/// The square of a head: over a tail, or over patches over a tail.
+/// The square of a head: over an exact tail, over another one, or over patches over a tail.
 pub(crate) const IN_TAIL: &str = include_str!("../wgsl/train/in_tail.wgsl");
+pub(crate) const IN_FLOW: &str = include_str!("../wgsl/train/in_flow.wgsl");
 pub(crate) const IN_PATCHES: &str = include_str!("../wgsl/train/in_patches.wgsl");
 /// How points are drawn.
 pub(crate) const STRATA: &str = include_str!("../wgsl/train/strata.wgsl");
@@ -174,12 +175,18 @@ mod tests {
         let (tree, rows) = (of(TailKind::Hierarchical), of(TailKind::RowColumn));
         let light = FlatArray::floats("light.cells", vec![512, 1024], vec![1.0; 8]);
         let patches = flat_patches(&tree, Detail::Twigs).unwrap();
+        let flow = vec![
+            FlatArray::floats("tail.cells", vec![16, 8], vec![0.0; 128]),
+            FlatArray::floats("tail.boxes", vec![21, 4], vec![0.0; 84]),
+        ];
+        let nodes = FlatArray::floats("light.nodes", vec![3, 4], vec![1.0; 12]);
         let material = FlatArray::floats("material.numbers", vec![8], vec![1.0; 8]);
         for (name, arrays, entries) in [
             ("tree", tree.flat(), &["place_strata"][..]),
             ("rows", rows.flat(), &["place_strata"]),
             ("patches", patches.clone(), &["place_strata"]),
             ("table", [rows.flat(), vec![light.clone()]].concat(), &["tabulate", "sum_rows", "place_tabulated"]),
+            ("flow", [flow, vec![nodes]].concat(), &["place_strata"]),
             ("fitted", [patches, vec![material.clone()]].concat(), &["place_strata"]),
             ("fitted table", [rows.flat(), vec![light, material]].concat(), &["tabulate", "place_tabulated"]),
         ] {

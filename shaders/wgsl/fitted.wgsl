@@ -1,6 +1,6 @@
-// Measured and neural materials: networks of BRDF x cosine, and lobes for sampling. Their numbers are those of `flat` in
-// `headtail_sampling::brdf`, which `headtail_number` reads. What all directions at a point share is in private variables, of the point that was made
-// last.
+// Measured and neural materials: networks of BRDF x cosine, and lobes for sampling. Their numbers are those of
+// `headtail_sampling::brdf::FlatBrdf`, which `headtail_number` reads. What all directions at a point share is in private variables, of the point that
+// was made last.
 
 const HEADTAIL_WIDEST: u32 = 32u;
 

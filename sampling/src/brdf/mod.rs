@@ -151,8 +151,8 @@ pub trait Brdf: fmt::Debug + Send + Sync {
         None
     }
 
-    /// All numbers of the BRDF beside its parameters, for implementations on other devices; `None` by default.
-    fn flat(&self) -> Option<Vec<f32>> {
+    /// The BRDF for implementations on other devices; `None` for analytic ones, and by default.
+    fn flat(&self) -> Option<FlatBrdf> {
         None
     }
 
@@ -160,6 +160,19 @@ pub trait Brdf: fmt::Debug + Send + Sync {
     fn note(&self) -> Option<String> {
         None
     }
+}
+
+/// A measured or neural material as a list, for implementations on other devices. A network in it is its number of layers, the slope
+/// of the leaky ReLU before the last one, and for each layer its inputs, its outputs, the weights `[blocks, inputs, 4]` of four
+/// outputs each, and the biases `[blocks, 4]`; missing outputs of the last block are 0.
+#[derive(Clone, Debug)]
+pub enum FlatBrdf {
+    /// Three widths of lobes; for each of 16 nodes along the square root of the cosine of `wo` the weights of the cosine lobe and of
+    /// these three, and weight and width of the closest single lobe; the six [latents](Brdf::latent); the network.
+    Measured(Vec<f32>),
+    /// The side of the finest texture; the places of the networks of mixture and reflectance and of the texels; the networks of
+    /// shift, mixture and reflectance; the texels of all levels, the finest first, of eight features each.
+    Neural(Vec<f32>),
 }
 
 /// A [`Kernel`] as a [`Brdf`] over columns.

@@ -83,7 +83,7 @@ impl Surface for MeasuredSurface {
     }
 
     fn in_shaders(&self) -> Option<ShaderSurface> {
-        ShaderSurface::fitted(self.materials.iter().map(|material| &**material as &dyn Brdf), false)
+        ShaderSurface::fitted(self.materials.iter().map(|material| &**material as &dyn Brdf))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use glam::{Vec2, Vec3A};
 use headtail_model::Condition;
-use headtail_render::random::Stream;
+use headtail_render::{flat::FlatArray, random::Stream, tail::TailKind};
 
 use super::{
     Lambert, ShaderTarget, Surface, TailMap, TailPoint,
@@ -68,7 +68,13 @@ impl<S: Surface> Target for ProductTarget<'_, S> {
     }
 
     fn shader_target(&self) -> Option<ShaderTarget> {
-        let (arrays, surface) = (self.tail.exact()?.flat(), self.surface.in_shaders()?);
+        let (tail, surface) = (self.tail.as_tail()?, self.surface.in_shaders()?);
+        let mut arrays = tail.flat();
+        if tail.kind() == TailKind::Flow {
+            let light = tail.light();
+            let shape = vec![light.rows() + 1, light.columns()];
+            arrays.push(FlatArray::floats("light.nodes", shape, light.nodes().collect()));
+        }
         Some(ShaderTarget { arrays, surface, is_in_x: false })
     }
 

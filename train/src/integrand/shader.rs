@@ -1,12 +1,15 @@
 //! Targets that shaders of training can draw, see `crate::device`.
 
-use headtail_render::{brdf::Brdf, flat::FlatArray};
+use headtail_render::{
+    brdf::{Brdf, FlatBrdf},
+    flat::FlatArray,
+};
 
 /// A surface seen through a tail.
 #[derive(Clone, Debug)]
 pub struct ShaderTarget {
-    /// The arrays of the tail, of patches if there are any, and `light.cells` for points from tables; without these, the
-    /// tail is exact.
+    /// The arrays of the tail, of patches if there are any, `light.cells` for points from tables, and for others `light.nodes`, the
+    /// density of the light at the map's texels, if the tail is not exact.
     pub arrays: Vec<FlatArray>,
     /// The surface.
     pub surface: ShaderSurface,
@@ -28,8 +31,7 @@ pub enum ShaderSurface {
     GgxOfCondition,
     /// Measured materials that conditions name by their latents, or a neural one.
     Fitted {
-        /// The number of materials, the place of each in this list, and their
-        /// [numbers](headtail_render::brdf::Brdf::flat).
+        /// The number of materials, the place of each in this list, and their [numbers](FlatBrdf).
         numbers: Vec<f32>,
         /// Whether it is neural.
         is_neural: bool,
@@ -37,12 +39,19 @@ pub enum ShaderSurface {
 }
 
 impl ShaderSurface {
-    /// Returns the surface of materials; `None` if one of them has no numbers.
-    pub(super) fn fitted<'a>(materials: impl IntoIterator<Item = &'a dyn Brdf>, is_neural: bool) -> Option<Self> {
-        let mut own: Vec<Vec<f32>> = materials.into_iter().map(Brdf::flat).collect::<Option<_>>()?;
-        if is_neural {
-            // Conditions have the features, so that texels, the last of a neural material's numbers, are not read.
-            own.iter_mut().for_each(|numbers| numbers.truncate(numbers[3] as usize));
+    /// Returns the surface of measured materials, or of a neural one; `None` for others.
+    pub(super) fn fitted<'a>(materials: impl IntoIterator<Item = &'a dyn Brdf>) -> Option<Self> {
+        let (mut own, mut is_neural) = (Vec::new(), false);
+        for material in materials {
+            own.push(match material.flat()? {
+                FlatBrdf::Measured(numbers) => numbers,
+                FlatBrdf::Neural(mut numbers) => {
+                    is_neural = true;
+                    // Conditions have the features, so that texels, which are last, are not read.
+                    numbers.truncate(numbers[3] as usize);
+                    numbers
+                }
+            });
         }
         let mut numbers = vec![own.len() as f32];
         let mut place = 1 + own.len();

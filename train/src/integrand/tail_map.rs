@@ -34,8 +34,8 @@ pub trait TailMap: Sync {
         vec![None; directions.len()]
     }
 
-    /// Returns the tail if it is an exact one.
-    fn exact(&self) -> Option<&Tail> {
+    /// Returns the tail, if it is not a function.
+    fn as_tail(&self) -> Option<&Tail> {
         None
     }
 
@@ -64,11 +64,8 @@ impl TailMap for Tail {
         self.inverse_points(&x).into_iter().map(|(y, density)| (density > 0.0).then(|| inside(y))).collect()
     }
 
-    fn exact(&self) -> Option<&Tail> {
-        match self {
-            Self::Hierarchical(_) | Self::RowColumn(_) => Some(self),
-            Self::Flow(_) => None,
-        }
+    fn as_tail(&self) -> Option<&Tail> {
+        Some(self)
     }
 
     fn is_invertible(&self) -> bool {

@@ -108,7 +108,7 @@ impl Surface for TexturedSurface {
     }
 
     fn in_shaders(&self) -> Option<ShaderSurface> {
-        ShaderSurface::fitted([&*self.texture as &dyn Brdf], true)
+        ShaderSurface::fitted([&*self.texture as &dyn Brdf])
     }
 }
 

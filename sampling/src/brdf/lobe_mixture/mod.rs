@@ -84,8 +84,7 @@ impl LobeMixture {
         [a, b, c, d, e, f]
     }
 
-    /// Appends the mixture for other devices: three widths; for each of 16 nodes along the square root of the cosine of `wo`
-    /// the weights of the cosine lobe and of the three others, and weight and width of the closest single lobe.
+    /// Appends the numbers of [`super::FlatBrdf::Measured`].
     pub(super) fn append_to(&self, out: &mut Vec<f32>) {
         out.extend(self.alphas);
         out.extend(self.nodes.iter().flat_map(|node| node.techniques.into_iter().chain(node.single)));

@@ -20,7 +20,7 @@ use std::fmt;
 
 use glam::Vec3;
 
-use super::{Brdf, LobeMixture, Surfaces, parameters::LATENTS};
+use super::{Brdf, FlatBrdf, LobeMixture, Surfaces, parameters::LATENTS};
 use crate::{error::Result, linear::append_network, simd::Lanes};
 
 /// A measured BRDF: a network for evaluation, and a mixture of lobes fitted to it for sampling.
@@ -110,14 +110,12 @@ impl Brdf for NeuralBrdf {
         Some(self.hash)
     }
 
-    /// The [lobes](LobeMixture::append_to), the [latents](Self::latent), then the network: its number of layers and 0; for each layer its inputs, its
-    /// outputs, the weights `[blocks, inputs, 4]` of four outputs each, and the biases `[blocks, 4]`.
-    fn flat(&self) -> Option<Vec<f32>> {
+    fn flat(&self) -> Option<FlatBrdf> {
         let mut numbers = Vec::new();
         self.mixture.append_to(&mut numbers);
         numbers.extend(self.latent());
         append_network(self.network.layers(), 0.0, &mut numbers);
-        Some(numbers)
+        Some(FlatBrdf::Measured(numbers))
     }
 
     fn note(&self) -> Option<String> {

@@ -9,7 +9,7 @@ use super::{
     network::WIDEST,
 };
 use crate::{
-    brdf::{Brdf, Kernel, Lambert, OF_MATERIAL, Surfaces},
+    brdf::{Brdf, FlatBrdf, Kernel, Lambert, OF_MATERIAL, Surfaces},
     columns::vectorized,
     discrete::BELOW_ONE,
     frame::Frame,
@@ -62,8 +62,8 @@ impl Brdf for NeuralTexture {
         Some(self.hash())
     }
 
-    fn flat(&self) -> Option<Vec<f32>> {
-        Some(self.flat_numbers())
+    fn flat(&self) -> Option<FlatBrdf> {
+        Some(FlatBrdf::Neural(self.flat_numbers()))
     }
 }
 

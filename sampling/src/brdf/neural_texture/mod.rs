@@ -192,9 +192,7 @@ impl NeuralTexture {
         self.pyramid.sample(seen.uv + shift * Vec2::new(seen.wo.x, seen.wo.y), level)
     }
 
-    /// Returns the material for other devices: the side of the finest texture; the places of the networks of mixture and
-    /// reflectance, and of the texels; the networks of shift, mixture and reflectance (as those of measured materials), and the
-    /// texels of all levels, the finest first, of eight features each.
+    /// Returns the numbers of [`super::FlatBrdf::Neural`].
     fn flat_numbers(&self) -> Vec<f32> {
         let mut numbers = vec![0.0; 4];
         for (place, network) in [&self.shift, &self.mixture, &self.reflectance].into_iter().enumerate() {
