@@ -165,7 +165,7 @@ impl Program {
 mod tests {
     use glam::Vec3A;
     use headtail_render::{
-        brdf::{Lambert, OfKernel},
+        brdf::{Lambert, NeuralTexture, OfKernel},
         portals::Portal,
         scene::MaterialSpec,
     };
@@ -225,5 +225,9 @@ mod tests {
         let own = Scene::open("sphere").unwrap().with_brdfs(vec![Arc::new(OfKernel::<Lambert>::NEW)]);
         let error = LitScene::new(&own, scene.environment).unwrap_err().to_string();
         assert!(error.contains("OfKernel") && error.contains("--material lambert"), "{error}");
+        // A neural material without the texture coordinates of its meshes.
+        let satin = NeuralTexture::read("../checkpoints/satin.safetensors".as_ref()).unwrap();
+        let bare = Scene::open("sphere").unwrap().with_brdfs(vec![Arc::new(satin)]);
+        assert!(LitScene::new(&bare, lit("sphere").environment).is_err());
     }
 }

@@ -177,22 +177,27 @@ impl Surfaces {
                     self.is_emissive = true;
                 }
             }
-            Material::Indexed(brdf) => (words[0], words[1]) = self.fitted(brdfs.get(*brdf))?,
+            Material::Indexed(brdf) => {
+                words[0] = MEASURED;
+                words[1] = self.fitted(MEASURED, brdfs.get(*brdf))?;
+            }
             Material::Neural(neural) => {
                 set(2, &[neural.repeat()]);
-                (words[0], words[1]) = self.fitted(brdfs.get(neural.brdf()))?;
+                words[0] = NEURAL;
+                words[1] = self.fitted(NEURAL, brdfs.get(neural.brdf()))?;
             }
         }
         Ok(words)
     }
 
-    /// Adds the numbers of a measured or neural material, and returns its kind and their place.
-    fn fitted(&mut self, brdf: &dyn Brdf) -> Result<(u32, u32)> {
+    /// Adds the numbers of a measured or neural material, and returns their place.
+    fn fitted(&mut self, kind: u32, brdf: &dyn Brdf) -> Result<u32> {
         self.has_fitted = true;
-        match brdf.flat() {
-            Some(FlatBrdf::Measured(numbers)) => Ok((MEASURED, self.add(&numbers))),
-            Some(FlatBrdf::Neural(numbers)) => Ok((NEURAL, self.add(&numbers))),
-            None => Err(Error::NotCovered {
+        match (kind, brdf.flat()) {
+            (MEASURED, Some(FlatBrdf::Measured(numbers))) | (NEURAL, Some(FlatBrdf::Neural(numbers))) => {
+                Ok(self.add(&numbers))
+            }
+            _ => Err(Error::NotCovered {
                 what: format!("the material {brdf:?}"),
                 instead: "choose --material lambert or ggx:alpha=0.4",
             }),

@@ -165,9 +165,9 @@ impl Shader {
         } else if let Ok(nodes) = shape_of(arrays, "light.nodes") {
             shader.define("HEADTAIL_WIDTH", nodes[1]);
             shader.define("HEADTAIL_ROWS", nodes[0] - 1);
-            &[CELLS, training::IN_FLOW][..]
+            &[CELLS, training::INEXACT_TAIL, training::IN_TAIL][..]
         } else {
-            &[training::IN_TAIL]
+            &[training::EXACT_TAIL, training::IN_TAIL]
         };
         let surface = match shape_of(arrays, "material.numbers") {
             Ok(_) => [&FITTED[..], &[training::FITTED_SURFACE]].concat(),

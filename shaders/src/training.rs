@@ -12,9 +12,10 @@ pub(crate) const TARGETS: [&str; 2] =
 /// The surfaces of conditions.
 pub(crate) const ANALYTIC_SURFACE: &str = include_str!("../wgsl/train/analytic_surface.wgsl");
 pub(crate) const FITTED_SURFACE: &str = include_str!("../wgsl/train/fitted_surface.wgsl");
-/// The square of a head: over an exact tail, over another one, or over patches over a tail.
+/// The square of a head: over a tail, which may match the light, or over patches over one that does.
 pub(crate) const IN_TAIL: &str = include_str!("../wgsl/train/in_tail.wgsl");
-pub(crate) const IN_FLOW: &str = include_str!("../wgsl/train/in_flow.wgsl");
+pub(crate) const EXACT_TAIL: &str = include_str!("../wgsl/train/exact_tail.wgsl");
+pub(crate) const INEXACT_TAIL: &str = include_str!("../wgsl/train/inexact_tail.wgsl");
 pub(crate) const IN_PATCHES: &str = include_str!("../wgsl/train/in_patches.wgsl");
 /// How points are drawn.
 pub(crate) const STRATA: &str = include_str!("../wgsl/train/strata.wgsl");

@@ -3,9 +3,10 @@
 fn prepare_square(at: Surface) {
 }
 
-// The point of X that the tail carries y to, the density |dy/dx| there, and the density over Y that is in closed form: none.
+// The point of X that the tail carries y to, the density |dy/dx| there, and that over the light's, by which what is reflected is divided.
 fn image_of(y: vec2<f32>) -> vec4<f32> {
-    return vec4<f32>(headtail_tail(y), 1.0);
+    let image = headtail_tail(y);
+    return vec4<f32>(image, tail_over_light(image));
 }
 
 // The point of the square that is carried to a point of X, and a positive number if there is one.

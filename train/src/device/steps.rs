@@ -90,7 +90,7 @@ impl DeviceGradient {
         self.engine.prepare_optimizer(&mut prepared.step, config)?;
         if let (None, Some(known)) = (&prepared.targets, target.shader_target()) {
             let buffers = [&prepared.step.batch, &prepared.step.arena];
-            prepared.targets = Some(Targets::new(&self.engine.gpu, &known, shape, prepared.seen, buffers)?);
+            prepared.targets = Some(Targets::new(&self.engine.gpu, known, shape, prepared.seen, buffers)?);
         }
         Ok(())
     }

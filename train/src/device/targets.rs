@@ -46,23 +46,23 @@ impl Targets {
     /// Uploads the tail. `seen` are the conditions, `batch` and `arena` the buffers of a step.
     pub fn new(
         gpu: &Gpu,
-        target: &ShaderTarget,
+        target: ShaderTarget,
         shape: BatchShape,
         seen: Matrix,
         [batch, arena]: [&wgpu::Buffer; 2],
     ) -> Result<Self> {
-        let mut arrays = target.arrays.clone();
-        let (mut alpha, mut is_neural) = (0.0, false);
-        match &target.surface {
+        let ShaderTarget { mut arrays, surface, is_in_x } = target;
+        let is_glossy = surface != ShaderSurface::Lambert;
+        let has_alpha = surface == ShaderSurface::GgxOfCondition;
+        let (mut alpha, mut of_neural) = (0.0, false);
+        match surface {
             ShaderSurface::Lambert | ShaderSurface::GgxOfCondition => {}
-            ShaderSurface::Ggx { alpha: own } => alpha = *own,
-            ShaderSurface::Fitted { numbers, is_neural: own } => {
-                arrays.push(FlatArray::floats("material.numbers", vec![numbers.len()], numbers.clone()));
-                is_neural = *own;
+            ShaderSurface::Ggx { alpha: own } => alpha = own,
+            ShaderSurface::Fitted { numbers, is_neural } => {
+                arrays.push(FlatArray::floats("material.numbers", vec![numbers.len()], numbers));
+                of_neural = is_neural;
             }
         }
-        let is_glossy = target.surface != ShaderSurface::Lambert;
-        let has_alpha = target.surface == ShaderSurface::GgxOfCondition;
         // In the order of `TARGET_SIZES`.
         let sizes = [
             shape.conditions * shape.samples(),
@@ -73,8 +73,8 @@ impl Targets {
             seen.stride,
             is_glossy.into(),
             has_alpha.into(),
-            is_neural.into(),
-            target.is_in_x.into(),
+            of_neural.into(),
+            is_in_x.into(),
         ];
         let shader = Shader::of_targets(&arrays, sizes, alpha)?;
         let floats = gpu.buffer("tail and material", 4 * shader.floats.len() as u64)?;
@@ -91,7 +91,7 @@ impl Targets {
         // Flow tails have no integers: an empty buffer cannot be bound.
         let integers = (!shader.integers.is_empty()).then_some(integers);
         let all: Vec<_> = [floats, batch, arena, stream_at].into_iter().chain(integers).collect();
-        let (points, together) = match target.arrays.iter().find(|array| array.name == "light.cells") {
+        let (points, together) = match arrays.iter().find(|array| array.name == "light.cells") {
             None => (Points::Strata(pass("place_strata", &all)), shape.conditions),
             Some(FlatArray { shape: cells, .. }) => {
                 let (rows, bytes) = (cells[0], 4 * (cells[0] * cells[1] + cells[0]));
