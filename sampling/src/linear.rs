@@ -52,8 +52,8 @@ impl Linear {
     }
 
     /// Appends the weights for other devices, `[blocks, inputs, 4]`, where a block is four outputs, then the biases
-    /// `[blocks, 4]`. Missing outputs of the last block are 0.
-    pub(crate) fn append_blocks(&self, out: &mut Vec<f32>) {
+    /// `[blocks, 4]`, whose place it returns. Missing outputs of the last block are 0.
+    pub(crate) fn append_blocks(&self, out: &mut Vec<f32>) -> usize {
         const BLOCK: usize = 4;
         for first in (0..self.outputs).step_by(BLOCK) {
             for input in 0..self.inputs {
@@ -61,8 +61,10 @@ impl Linear {
                 out.extend((first..first + BLOCK).map(weight));
             }
         }
+        let biases = out.len();
         out.extend(&self.bias);
-        out.resize(out.len() + self.bias.len().next_multiple_of(BLOCK) - self.bias.len(), 0.0);
+        out.resize(biases + self.outputs.next_multiple_of(BLOCK), 0.0);
+        biases
     }
 }
 

@@ -9,8 +9,8 @@ use crate::{
     tile::{ShadingPoint, Tile},
 };
 
-/// Copies of the point in a tile.
-const COPIES: usize = 256;
+/// Copies of a point in a tile, for lists of any length.
+pub const COPIES: usize = 256;
 
 /// A shading point, ready for many directions or random numbers: for embedders, tests and quadratures.
 /// It uses the same functions as rendering of many points.

@@ -19,8 +19,7 @@ impl Head {
         let (mut layers, mut weights) = (Vec::new(), Vec::new());
         for (_, layer) in self.layers() {
             let start = weights.len();
-            layer.append_blocks(&mut weights);
-            let biases = weights.len() - layer.outputs().next_multiple_of(4);
+            let biases = layer.append_blocks(&mut weights);
             layers.extend([layer.inputs(), layer.outputs(), start, biases].map(|number| number as u32));
         }
         let [elevation, azimuth] = [&self.elevation, &self.azimuth];

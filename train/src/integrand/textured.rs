@@ -12,7 +12,7 @@ use headtail_render::{
     color::luminance,
     frame::Frame,
     head,
-    one_point::OnePoint,
+    one_point::{COPIES, OnePoint},
     random::Stream,
     simd::LANES,
     tile::ShadingPoint,
@@ -23,8 +23,6 @@ use super::{RenderedSurface, ShaderSurface, Surface, Viewpoints};
 /// Offset of the texture's values and the handedness in a condition.
 const MATERIAL: usize = head::MAX_CONDITION - OF_MATERIAL;
 const HAND: usize = head::MAX_CONDITION - 1;
-/// Copies of a shading point that are evaluated together.
-const COPIES: usize = 256;
 
 /// A neural material. Points of other surfaces in the camera's view are treated as diffuse: the head has to
 /// serve them, too.
