@@ -155,7 +155,7 @@ impl Program {
             source.push_str(part);
         }
         // Buffers cannot be empty.
-        floats.extend(floats.is_empty().then_some(0.0));
+        floats.extend(floats.is_empty().then_some([0.0; 4]).into_iter().flatten());
         integers.extend(integers.is_empty().then_some(0));
         Ok(Self { source, floats, integers, groups, has_visibility: sampler.has_visibility })
     }

@@ -9,6 +9,8 @@ use std::{
 use parking_lot::Mutex;
 use wgpu::{BufferUsages, DeviceType};
 
+use crate::training::Kernel;
+
 /// Why work on a device failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -166,15 +168,41 @@ impl Gpu {
 
     /// Compiles a compute pipeline. `layout` of `None` is that of the shader's own bindings.
     pub fn pipeline(&self, layout: Option<&wgpu::PipelineLayout>, source: &str, entry: &str) -> wgpu::ComputePipeline {
+        let mut checks = wgpu::ShaderRuntimeChecks::checked();
+        // Counting a second time, as devices of untrusted shaders do, would keep drivers from unrolling loops.
+        checks.force_loop_bounding = false;
+        // SAFETY: all loops of our shaders end: they count up to numbers that do not change meanwhile.
+        unsafe { self.compile(layout, source, entry, checks) }
+    }
+
+    /// Compiles a shader of training as [`Self::pipeline`] does; matrix products, without checks of places in memory.
+    pub fn pipeline_of_kernel(&self, layout: &wgpu::PipelineLayout, kernel: Kernel) -> wgpu::ComputePipeline {
+        let (source, entry) = (kernel.source(), kernel.entry());
+        match kernel {
+            // SAFETY: their places depend on the sizes of matrices alone, which are allocated in whole tiles, and on no number in
+            // a buffer, and their loops end. Each check would be an instruction for every 16 products.
+            Kernel::Affine { .. } | Kernel::WeightGradient { .. } => unsafe {
+                self.compile(Some(layout), &source, entry, wgpu::ShaderRuntimeChecks::unchecked())
+            },
+            _ => self.pipeline(Some(layout), &source, entry),
+        }
+    }
+
+    /// Compiles a pipeline.
+    ///
+    /// # Safety
+    /// The shader must not need the checks that are missing.
+    unsafe fn compile(
+        &self,
+        layout: Option<&wgpu::PipelineLayout>,
+        source: &str,
+        entry: &str,
+        checks: wgpu::ShaderRuntimeChecks,
+    ) -> wgpu::ComputePipeline {
         let source = wgpu::ShaderSource::Wgsl(Cow::Borrowed(source));
         let descriptor = wgpu::ShaderModuleDescriptor { label: Some(entry), source };
-        // SAFETY: all loops of our shaders end: they count up to numbers that do not change meanwhile. Counting a
-        // second time, as devices of untrusted shaders do, would keep drivers from unrolling them.
-        let module = unsafe {
-            let mut checks = wgpu::ShaderRuntimeChecks::checked();
-            checks.force_loop_bounding = false;
-            self.device.create_shader_module_trusted(descriptor, checks)
-        };
+        // SAFETY: the caller has seen that no check is needed that is missing.
+        let module = unsafe { self.device.create_shader_module_trusted(descriptor, checks) };
         self.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: Some(entry),
             layout,

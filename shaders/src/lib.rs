@@ -1,6 +1,6 @@
 //! headtail's samplers as shaders: WGSL, written once per concept, and translated by `naga`.
 //!
-//! A shader reads two storage buffers, `headtail_floats` and `headtail_integers`: the concatenated arrays of
+//! A shader reads two storage buffers, `headtail_floats` (by fours) and `headtail_integers`: the concatenated arrays of
 //! a sampler. Their offsets are constants of the shader, and in the layout.
 //!
 //! | file in `wgsl/` | concept |
@@ -19,6 +19,7 @@
 
 #[cfg(feature = "gpu")]
 pub mod gpu;
+mod network;
 pub mod training;
 
 use std::fmt::Write;
@@ -126,7 +127,7 @@ impl Shader {
     /// # Errors
     /// As [`Self::new`].
     pub fn functions(arrays: &[FlatArray], weights: &str) -> Result<Self> {
-        let mut shader = Self::of_arrays(arrays)?;
+        let mut shader = Self::of_arrays(&network::tiled(arrays)?)?;
         if arrays.is_empty() {
             shader.append(&[SQUARE]);
             return Ok(shader);
@@ -180,7 +181,7 @@ impl Shader {
     /// Returns the bindings of the arrays and the constants of their places, without functions.
     fn of_arrays(arrays: &[FlatArray]) -> Result<Self> {
         let (floats, integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
-        let source = "@group(0) @binding(0) var<storage, read> headtail_floats: array<f32>;\n\
+        let source = "@group(0) @binding(0) var<storage, read> headtail_floats: array<vec4<f32>>;\n\
                       @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n";
         let mut shader = Self { source: source.into(), floats, integers, layout: String::new() };
         for FlatArray { name, shape, numbers } in arrays {
@@ -260,10 +261,11 @@ fn to_hlsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<Stri
     Ok(text)
 }
 
-/// Appends numbers and returns their offset.
-fn append<T: Copy>(all: &mut Vec<T>, numbers: &[T]) -> usize {
+/// Appends numbers, and zeros up to whole tiles, and returns their offset.
+fn append<T: Copy + Default>(all: &mut Vec<T>, numbers: &[T]) -> usize {
     let start = all.len();
     all.extend_from_slice(numbers);
+    all.resize(all.len().next_multiple_of(network::TILE), T::default());
     start
 }
 
@@ -317,7 +319,7 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
 
 /// Returns the sizes of a head's networks, and the layout of its intermediate values in one list: network
 /// inputs (followed by two features), two rows of hidden values that layers alternate between, logits. Layers
-/// write whole blocks of four.
+/// read and write whole tiles, what is too much of which has weights of 0.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
     let &[condition, coupled, encoder, elevation, azimuth, mixture_weight, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));
@@ -325,8 +327,8 @@ fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, us
     let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
     let of_encoder = if encoder > 0 { outputs.get(encoder as usize - 1).copied().unwrap_or(0) } else { 0 };
     let seen = condition as usize + of_encoder;
-    let widest = outputs.iter().copied().max().unwrap_or(0).next_multiple_of(4);
-    let hidden = seen + 4;
+    let widest = outputs.iter().copied().max().unwrap_or(0).next_multiple_of(network::TILE);
+    let hidden = seen + network::TILE;
     let logits = hidden + 2 * widest;
     let own = [
         ("head_condition", condition),

@@ -17,6 +17,8 @@ pub(crate) const IN_TAIL: &str = include_str!("../wgsl/train/in_tail.wgsl");
 pub(crate) const EXACT_TAIL: &str = include_str!("../wgsl/train/exact_tail.wgsl");
 pub(crate) const INEXACT_TAIL: &str = include_str!("../wgsl/train/inexact_tail.wgsl");
 pub(crate) const IN_PATCHES: &str = include_str!("../wgsl/train/in_patches.wgsl");
+/// Parts of matrix products that a thread sums up.
+const REGISTER_TILE: &str = include_str!("../wgsl/train/register_tile.wgsl");
 /// How points are drawn.
 pub(crate) const STRATA: &str = include_str!("../wgsl/train/strata.wgsl");
 pub(crate) const TABULATED: &str = include_str!("../wgsl/train/tabulated.wgsl");
@@ -63,6 +65,8 @@ pub enum Kernel {
     Affine {
         /// 1 to 16.
         rows: u32,
+        /// What becomes of the product, 0 to 7: see `affine.wgsl`.
+        form: u32,
     },
     /// The gradient of a layer's weights, with `rows` as for `Affine`.
     WeightGradient {
@@ -128,8 +132,14 @@ impl Kernel {
     /// Returns the WGSL source.
     pub fn source(self) -> String {
         match self {
-            Self::Affine { rows } => with_rows(rows, include_str!("../wgsl/train/affine.wgsl")),
-            Self::WeightGradient { rows } => with_rows(rows, include_str!("../wgsl/train/weight_gradient.wgsl")),
+            Self::Affine { rows, form } => {
+                let source = include_str!("../wgsl/train/affine.wgsl");
+                format!("const ROWS: u32 = {rows}u;\nconst FORM: u32 = {form}u;\n{REGISTER_TILE}\n{source}")
+            }
+            Self::WeightGradient { rows } => {
+                let source = include_str!("../wgsl/train/weight_gradient.wgsl");
+                format!("const ROWS: u32 = {rows}u;\n{REGISTER_TILE}\n{source}")
+            }
             Self::SplineForward | Self::SplineBackward => {
                 [RATIONAL_QUADRATIC, include_str!("../wgsl/train/spline_gradient.wgsl")].join("\n")
             }
@@ -140,10 +150,6 @@ impl Kernel {
             _ => include_str!("../wgsl/train/columns.wgsl").into(),
         }
     }
-}
-
-fn with_rows(rows: u32, source: &str) -> String {
-    format!("const ROWS: u32 = {rows}u;\n{source}")
 }
 
 #[cfg(test)]
@@ -207,8 +213,11 @@ mod tests {
 
     #[test]
     fn shaders_are_valid_and_need_no_optional_capability() {
-        let layers =
-            [1, 13, 16].into_iter().flat_map(|rows| [Kernel::Affine { rows }, Kernel::WeightGradient { rows }]);
+        let forms = (0..8).map(|form| Kernel::Affine { rows: 13, form });
+        let layers = [1, 13, 16]
+            .into_iter()
+            .flat_map(|rows| [Kernel::Affine { rows, form: 0 }, Kernel::WeightGradient { rows }])
+            .chain(forms);
         let others = [
             Kernel::SplineForward,
             Kernel::SplineBackward,

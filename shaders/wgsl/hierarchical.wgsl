@@ -6,10 +6,10 @@ fn headtail_corners(cell: vec2<u32>) -> vec4<f32> {
     let upper = HEADTAIL_TAIL_NODES + cell.y * HEADTAIL_WIDTH;
     let lower = upper + HEADTAIL_WIDTH;
     return vec4<f32>(
-        headtail_floats[upper + cell.x],
-        headtail_floats[upper + next],
-        headtail_floats[lower + cell.x],
-        headtail_floats[lower + next],
+        headtail_float(upper + cell.x),
+        headtail_float(upper + next),
+        headtail_float(lower + cell.x),
+        headtail_float(lower + next),
     );
 }
 

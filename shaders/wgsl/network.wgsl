@@ -1,37 +1,56 @@
 // Small networks: affine layers with leaky ReLU between them. Numbers between layers are in one list, each layer reads from one place of it and
-// writes to another, in whole blocks of four.
+// writes to another, in whole tiles of sixteen outputs, for which an input is read once.
 
 var<private> headtail_units: array<f32, HEADTAIL_HEAD_UNITS>;
 
+fn headtail_write_units(at: u32, sum: vec4<f32>, slope: f32) {
+    let units = max(sum, slope * sum);
+    headtail_units[at] = units.x;
+    headtail_units[at + 1u] = units.y;
+    headtail_units[at + 2u] = units.z;
+    headtail_units[at + 3u] = units.w;
+}
+
+// Four of the sixteen numbers of a tile's row. With `|`, compilers know that the sum does not wrap, and read all four from one address.
+fn headtail_weights(row: u32, k: u32) -> vec4<f32> {
+    return headtail_floats[(row << 2u) | k];
+}
+
 // One layer, from the place `start` to the place `end`.
 fn headtail_layer(layer: u32, start: u32, end: u32, is_leaky: bool) {
-    let row = HEADTAIL_HEAD_LAYERS + 4u * layer;
-    let inputs = headtail_integers[row];
-    let blocks = (headtail_integers[row + 1u] + 3u) / 4u;
-    let weights = HEADTAIL_HEAD_WEIGHTS + headtail_integers[row + 2u];
-    let biases = HEADTAIL_HEAD_WEIGHTS + headtail_integers[row + 3u];
-    let slope = headtail_floats[HEADTAIL_HEAD_SLOPE];
-    for (var block = 0u; block < blocks; block++) {
-        var sum = headtail_four(biases, block);
+    let at = HEADTAIL_HEAD_LAYERS + 3u * layer;
+    let inputs = headtail_integers[at];
+    let outputs = headtail_integers[at + 1u];
+    var row = (HEADTAIL_HEAD_WEIGHTS + headtail_integers[at + 2u]) >> 4u;
+    let slope = select(1.0, headtail_float(HEADTAIL_HEAD_SLOPE), is_leaky);
+    for (var output = 0u; output < outputs; output += 16u) {
+        var a = headtail_weights(row, 0u);
+        var b = headtail_weights(row, 1u);
+        var c = headtail_weights(row, 2u);
+        var d = headtail_weights(row, 3u);
+        row += 1u;
         for (var input = 0u; input < inputs; input++) {
-            sum = fma(headtail_four(weights, block * inputs + input), vec4<f32>(headtail_units[start + input]), sum);
+            let unit = vec4<f32>(headtail_units[start + input]);
+            a = fma(headtail_weights(row, 0u), unit, a);
+            b = fma(headtail_weights(row, 1u), unit, b);
+            c = fma(headtail_weights(row, 2u), unit, c);
+            d = fma(headtail_weights(row, 3u), unit, d);
+            row += 1u;
         }
-        if (is_leaky) { sum = max(sum, slope * sum); }
-        let out = end + 4u * block;
-        headtail_units[out] = sum.x;
-        headtail_units[out + 1u] = sum.y;
-        headtail_units[out + 2u] = sum.z;
-        headtail_units[out + 3u] = sum.w;
+        headtail_write_units(end + output, a, slope);
+        headtail_write_units(end + output + 4u, b, slope);
+        headtail_write_units(end + output + 8u, c, slope);
+        headtail_write_units(end + output + 12u, d, slope);
     }
 }
 
 // Layers from what is seen to `end`; the last one has no activation.
 fn headtail_network(first: u32, count: u32, end: u32) {
     var start = 0u;
-    for (var k = 0u; k + 1u < count; k++) {
-        let next = HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST;
-        headtail_layer(first + k, start, next, true);
+    for (var k = 0u; k < count; k++) {
+        let is_last = k + 1u == count;
+        let next = select(HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST, end, is_last);
+        headtail_layer(first + k, start, next, !is_last);
         start = next;
     }
-    headtail_layer(first + count - 1u, start, end, false);
 }

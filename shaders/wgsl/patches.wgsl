@@ -105,7 +105,7 @@ fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
     for (var k = 0u; k < HEADTAIL_CLUSTERS; k++) {
         let mass = headtail_cluster_weight(k) * headtail_mass(HEADTAIL_PATCHES_CLUSTERS, k, at, false);
         step.total += mass;
-        squared += mass * headtail_floats[HEADTAIL_PATCHES_CLUSTERS + 16u * k + 14u];
+        squared += mass * headtail_float(HEADTAIL_PATCHES_CLUSTERS + 16u * k + 14u);
         step.sums[k] = step.total;
     }
     return HeadtailClusters(step, headtail_mixture_weight_beside_bsdf(at, step.total, squared));
@@ -115,7 +115,7 @@ fn headtail_clusters(at: HeadtailSurface) -> HeadtailClusters {
 fn headtail_by_quarters(clusters: HeadtailClusters, at: HeadtailSurface) -> HeadtailStep {
     var step = clusters.step;
     let small = headtail_integers[HEADTAIL_PATCHES_SMALL];
-    if (small == 0u || at.lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) { return step; }
+    if (small == 0u || at.lobes.w < headtail_float(HEADTAIL_PATCHES_NARROW)) { return step; }
     let own = step.sums[small - 1u];
     let rest = step.total - own;
     if (!(own > 0.05 * step.total && rest > 0.0)) { return step; }
@@ -192,14 +192,14 @@ fn headtail_walk(aim: HeadtailAim) -> HeadtailPatch {
     probability *= headtail_part(found.mass, step.total);
     let leaf = cluster * HEADTAIL_PARTS + found.place;
     var rectangle = headtail_four(HEADTAIL_PATCHES_LEAF_RECTANGLES, leaf);
-    var inverse_energy = headtail_floats[HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u];
-    if (at.lobes.w < headtail_floats[HEADTAIL_PATCHES_NARROW]) {
+    var inverse_energy = headtail_float(HEADTAIL_PATCHES_LEAVES + 16u * leaf + 14u);
+    if (at.lobes.w < headtail_float(HEADTAIL_PATCHES_NARROW)) {
         step = headtail_sums(HEADTAIL_PATCHES_TWIGS, leaf * HEADTAIL_PARTS, at, HEADTAIL_CLUSTERS);
         found = headtail_descend(headtail_integers[roots + 1u + HEADTAIL_CLUSTERS + leaf], step, aim, own.z, found.sides);
         probability *= headtail_part(found.mass, step.total);
         let twig = leaf * HEADTAIL_PARTS + found.place;
         rectangle = headtail_four(HEADTAIL_PATCHES_TWIG_RECTANGLES, twig);
-        inverse_energy = headtail_floats[HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u];
+        inverse_energy = headtail_float(HEADTAIL_PATCHES_TWIGS + 16u * twig + 14u);
     }
     return HeadtailPatch(found.sides, rectangle, probability * inverse_energy);
 }

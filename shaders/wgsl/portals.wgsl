@@ -20,7 +20,7 @@ var<private> headtail_through: f32;
 // Three numbers of a portal: the axes of its width, height and normal, then the middle along these.
 fn headtail_of_portal(portal: u32, k: u32) -> vec3<f32> {
     let at = HEADTAIL_PORTALS_RECTANGLES + 14u * portal + 3u * k;
-    return vec3<f32>(headtail_floats[at], headtail_floats[at + 1u], headtail_floats[at + 2u]);
+    return vec3<f32>(headtail_float(at), headtail_float(at + 1u), headtail_float(at + 2u));
 }
 
 fn headtail_pixels_of(tangents: vec4<f32>) -> vec4<f32> {

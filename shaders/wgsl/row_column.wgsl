@@ -19,7 +19,7 @@ fn headtail_window() -> HeadtailWindow {
 // The integral of the blended row from the left edge of the window to that of a cell.
 fn headtail_before(w: HeadtailWindow, row: u32, t: f32, column: u32) -> f32 {
     let upper = w.before + row * (w.columns + 1u) + column;
-    return (1.0 - t) * headtail_floats[upper] + t * headtail_floats[upper + w.columns + 1u];
+    return (1.0 - t) * headtail_float(upper) + t * headtail_float(upper + w.columns + 1u);
 }
 
 // The densities at the left and the right edge of a cell of the window, at a height in it.
@@ -27,8 +27,8 @@ fn headtail_edges(w: HeadtailWindow, column: u32, row: u32, t: f32) -> vec2<f32>
     let upper = w.nodes + row * (w.columns + 1u) + column;
     let lower = upper + w.columns + 1u;
     return vec2<f32>(
-        (1.0 - t) * headtail_floats[upper] + t * headtail_floats[lower],
-        (1.0 - t) * headtail_floats[upper + 1u] + t * headtail_floats[lower + 1u],
+        (1.0 - t) * headtail_float(upper) + t * headtail_float(lower),
+        (1.0 - t) * headtail_float(upper + 1u) + t * headtail_float(lower + 1u),
     );
 }
 
@@ -39,10 +39,10 @@ fn headtail_tail(y: vec2<f32>) -> vec3<f32> {
     let v = clamp(y.y, 0.0, HEADTAIL_BELOW_ONE);
     var row = 0u;
     for (var size = w.rows; size > 1u; size -= size / 2u) {
-        if (headtail_floats[w.above + row + size / 2u] <= v) { row += size / 2u; }
+        if (headtail_float(w.above + row + size / 2u) <= v) { row += size / 2u; }
     }
-    let above = headtail_remap(v, headtail_floats[w.above + row], headtail_floats[w.above + row + 1u]);
-    let t = headtail_sample_linear(above, headtail_floats[w.marginal + row], headtail_floats[w.marginal + row + 1u]);
+    let above = headtail_remap(v, headtail_float(w.above + row), headtail_float(w.above + row + 1u));
+    let t = headtail_sample_linear(above, headtail_float(w.marginal + row), headtail_float(w.marginal + row + 1u));
     let goal = u * headtail_before(w, row, t, w.columns);
     var column = 0u;
     for (var size = w.columns; size > 1u; size -= size / 2u) {
@@ -63,8 +63,8 @@ fn headtail_pull_back(x: vec2<f32>) -> vec3<f32> {
     let row = u32(cell.y) - w.row;
     // What is before the window is a large number.
     if (column >= w.columns || row >= w.rows) { return vec3<f32>(0.5, 0.5, 0.0); }
-    let marginal = vec2<f32>(headtail_floats[w.marginal + row], headtail_floats[w.marginal + row + 1u]);
-    let above = vec2<f32>(headtail_floats[w.above + row], headtail_floats[w.above + row + 1u]);
+    let marginal = vec2<f32>(headtail_float(w.marginal + row), headtail_float(w.marginal + row + 1u));
+    let above = vec2<f32>(headtail_float(w.above + row), headtail_float(w.above + row + 1u));
     let v = above.x + headtail_invert_linear(cell.w, marginal.x, marginal.y) * (above.y - above.x);
     let edges = headtail_edges(w, column, row, cell.w);
     let across = headtail_invert_linear(cell.z, edges.x, edges.y);

@@ -73,8 +73,11 @@ fn headtail_invert_linear(t: f32, a: f32, b: f32) -> f32 {
     return min(t * (a * (2.0 - t) + b * t) / (a + b), HEADTAIL_BELOW_ONE);
 }
 
-// Four numbers of a list, from the place 4 k after its start.
+// A number of the floats, and four of a list: lists begin at multiples of sixteen.
+fn headtail_float(at: u32) -> f32 {
+    return headtail_floats[at >> 2u][at & 3u];
+}
+
 fn headtail_four(start: u32, k: u32) -> vec4<f32> {
-    let at = start + 4u * k;
-    return vec4<f32>(headtail_floats[at], headtail_floats[at + 1u], headtail_floats[at + 2u], headtail_floats[at + 3u]);
+    return headtail_floats[(start >> 2u) + k];
 }

@@ -36,7 +36,7 @@ fn headtail_around(n: vec3<f32>) -> HeadtailBlend {
 // Numbers of four nodes, times their weights.
 fn headtail_blend(b: HeadtailBlend, start: u32, stride: u32, k: u32) -> f32 {
     let at = vec4<u32>(start + k) + stride * b.nodes;
-    return dot(b.weights, vec4<f32>(headtail_floats[at.x], headtail_floats[at.y], headtail_floats[at.z], headtail_floats[at.w]));
+    return dot(b.weights, vec4<f32>(headtail_float(at.x), headtail_float(at.y), headtail_float(at.z), headtail_float(at.w)));
 }
 
 fn headtail_down(b: HeadtailBlend, row: u32) -> f32 {

@@ -11,13 +11,12 @@ struct Params {
     inputs: u32,
     // Place in the weights.
     bias: u32,
-    form: u32,
     // Place of another matrix, like that of the output.
     other: u32,
     slope: f32,
 }
 
-// What becomes of the product: a bias is added, and leaky ReLU applied, whose argument is kept in the other matrix, or first added to what is
+// What becomes of the product, FORM: a bias is added, and leaky ReLU applied, whose argument is kept in the other matrix, or first added to what is
 // there; the derivative by an activation becomes that by its argument, in its place, and the other matrix is added; it is written, or added to
 // what is there.
 const WITH_BIAS: u32 = 0u;
@@ -37,23 +36,36 @@ const DEPTH: u32 = 16u;
 var<workgroup> factors: array<vec4<f32>, DEPTH * 2u * ROWS>;
 var<workgroup> columns: array<vec4<f32>, DEPTH * 32u>;
 
-fn finish(row: u32, column: u32, product: vec4<f32>) {
-    if (row >= p.outputs) { return; }
+fn finished(row: u32, column: u32, product: vec4<f32>, bias: f32) -> vec4<f32> {
     let place = p.output + row * p.stride + column;
     let other = p.other + row * p.stride + column;
     var value = product;
-    if (p.form <= RESIDUAL) {
-        value += vec4<f32>(weights[p.bias + row]);
-        if (p.form == RESIDUAL) { value += arena[other]; }
-        if (p.form >= KEPT) { arena[other] = value; }
-        if (p.form != WITH_BIAS) { value = max(value, p.slope * value); }
-    } else if (p.form <= THROUGH_ACTIVATION_ADDED) {
+    if (FORM <= RESIDUAL) {
+        value += vec4<f32>(bias);
+        if (FORM == RESIDUAL) { value += arena[other]; }
+        if (FORM >= KEPT) { arena[other] = value; }
+        if (FORM != WITH_BIAS) { value = max(value, p.slope * value); }
+    } else if (FORM <= THROUGH_ACTIVATION_ADDED) {
         value *= select(vec4<f32>(p.slope), vec4<f32>(1.0), arena[place] > vec4<f32>(0.0));
-        if (p.form == THROUGH_ACTIVATION_ADDED) { value += arena[other]; }
-    } else if (p.form == ADDED) {
+        if (FORM == THROUGH_ACTIVATION_ADDED) { value += arena[other]; }
+    } else if (FORM == ADDED) {
         value += arena[place];
     }
-    arena[place] = value;
+    return value;
+}
+
+fn finish(row: u32, column: u32, left: vec4<f32>, right: vec4<f32>) {
+    if (row >= p.outputs) { return; }
+    var bias = 0.0;
+    if (FORM <= RESIDUAL) { bias = weights[p.bias + row]; }
+    let place = p.output + row * p.stride + column;
+    arena[place] = finished(row, column, left, bias);
+    arena[place + 16u] = finished(row, column + 16u, right, bias);
+}
+
+fn add_step(tile: ptr<function, Tile>, k: u32, local: vec3<u32>) {
+    let row = k * 2u * ROWS + 2u * local.y;
+    add_products(tile, factors[row], factors[row + 1u], columns[k * 32u + local.x], columns[k * 32u + 16u + local.x]);
 }
 
 @compute @workgroup_size(16, ROWS)
@@ -64,10 +76,7 @@ fn affine(
 ) {
     let first_column = group.x * 32u;
     let first_row = group.y * 2u * ROWS;
-    var a0 = vec4<f32>(); var a1 = vec4<f32>(); var a2 = vec4<f32>(); var a3 = vec4<f32>();
-    var a4 = vec4<f32>(); var a5 = vec4<f32>(); var a6 = vec4<f32>(); var a7 = vec4<f32>();
-    var b0 = vec4<f32>(); var b1 = vec4<f32>(); var b2 = vec4<f32>(); var b3 = vec4<f32>();
-    var b4 = vec4<f32>(); var b5 = vec4<f32>(); var b6 = vec4<f32>(); var b7 = vec4<f32>();
+    var tile = Tile();
     for (var first = 0u; first < p.inputs; first += DEPTH) {
         for (var i = index; i < DEPTH * 32u; i += 16u * ROWS) {
             let input = first + i / 32u;
@@ -82,27 +91,12 @@ fn affine(
             factors[i] = value;
         }
         workgroupBarrier();
-        for (var k = 0u; k < DEPTH; k++) {
-            let x = columns[k * 32u + local.x];
-            let y = columns[k * 32u + 16u + local.x];
-            let f = factors[k * 2u * ROWS + 2u * local.y];
-            let g = factors[k * 2u * ROWS + 2u * local.y + 1u];
-            a0 = fma(vec4<f32>(f.x), x, a0); b0 = fma(vec4<f32>(f.x), y, b0);
-            a1 = fma(vec4<f32>(f.y), x, a1); b1 = fma(vec4<f32>(f.y), y, b1);
-            a2 = fma(vec4<f32>(f.z), x, a2); b2 = fma(vec4<f32>(f.z), y, b2);
-            a3 = fma(vec4<f32>(f.w), x, a3); b3 = fma(vec4<f32>(f.w), y, b3);
-            a4 = fma(vec4<f32>(g.x), x, a4); b4 = fma(vec4<f32>(g.x), y, b4);
-            a5 = fma(vec4<f32>(g.y), x, a5); b5 = fma(vec4<f32>(g.y), y, b5);
-            a6 = fma(vec4<f32>(g.z), x, a6); b6 = fma(vec4<f32>(g.z), y, b6);
-            a7 = fma(vec4<f32>(g.w), x, a7); b7 = fma(vec4<f32>(g.w), y, b7);
-        }
+        add_sixteen_steps(&tile, local);
         workgroupBarrier();
     }
     let row = 4u * first_row + 8u * local.y;
-    var left = array<vec4<f32>, 8>(a0, a1, a2, a3, a4, a5, a6, a7);
-    var right = array<vec4<f32>, 8>(b0, b1, b2, b3, b4, b5, b6, b7);
-    for (var k = 0u; k < 8u; k++) {
-        finish(row + k, first_column + local.x, left[k]);
-        finish(row + k, first_column + local.x + 16u, right[k]);
-    }
+    let column = first_column + local.x;
+    // A copy: an array with places that are not constants is in memory.
+    var sums = tile;
+    for (var k = 0u; k < 8u; k++) { finish(row + k, column, sums[k], sums[8u + k]); }
 }

@@ -4,7 +4,7 @@
 struct Surface { n: vec3<f32>, wo: vec3<f32>, lobes: vec4<f32>, is_diffuse: bool }
 
 fn headtail_number(at: u32) -> f32 {
-    return headtail_floats[HEADTAIL_MATERIAL_NUMBERS + at];
+    return headtail_float(HEADTAIL_MATERIAL_NUMBERS + at);
 }
 
 // Whether the condition names this one of several measured materials, by its latents.

@@ -5,8 +5,8 @@ fn light_density(x: vec2<f32>) -> f32 {
     let cell = headtail_cell(x);
     let row = HEADTAIL_LIGHT_NODES + u32(cell.y) * HEADTAIL_WIDTH;
     let columns = vec2<u32>(u32(cell.x), (u32(cell.x) + 1u) % HEADTAIL_WIDTH);
-    let upper = mix(headtail_floats[row + columns.x], headtail_floats[row + columns.y], cell.z);
-    let lower = mix(headtail_floats[row + HEADTAIL_WIDTH + columns.x], headtail_floats[row + HEADTAIL_WIDTH + columns.y], cell.z);
+    let upper = mix(headtail_float(row + columns.x), headtail_float(row + columns.y), cell.z);
+    let lower = mix(headtail_float(row + HEADTAIL_WIDTH + columns.x), headtail_float(row + HEADTAIL_WIDTH + columns.y), cell.z);
     return mix(upper, lower, cell.w);
 }
 

@@ -29,9 +29,13 @@ struct Axis { first: u32, largest: f32, scale: f32 }
 
 fn axis(first: u32) -> Axis {
     var largest = arena[first];
-    for (var k = 1u; k < p.bins; k++) { largest = max(largest, arena[first + k * p.stride]); }
-    var total = 0.0;
-    for (var k = 0u; k < p.bins; k++) { total += headtail_exp(arena[first + k * p.stride] - largest); }
+    var total = 1.0;
+    for (var k = 1u; k < p.bins; k++) {
+        let logit = arena[first + k * p.stride];
+        let ratio = headtail_exp(-abs(logit - largest));
+        total = select(total + ratio, fma(total, ratio, 1.0), logit > largest);
+        largest = max(largest, logit);
+    }
     return Axis(first, largest, (1.0 - f32(p.bins) * HEADTAIL_LEAST_BIN) / total);
 }
 
@@ -43,10 +47,9 @@ fn free_size(on: Axis, k: u32) -> f32 {
 struct Bin { index: u32, next: u32, left: f32, bottom: f32, width: f32, height: f32, logits: vec2<f32>, t: f32 }
 
 fn bin_of(point: f32, column: u32, across: Axis, up: Axis) -> Bin {
-    let slopes = p.logits + 2u * p.bins * p.stride + column;
     var x = clamp(point, 0.0, 1.0);
     if (p.is_circle == 1u) {
-        let turn = arena[slopes + p.bins * p.stride];
+        let turn = arena[p.logits + 3u * p.bins * p.stride + column];
         x = headtail_wrap(headtail_wrap(point) + (turn - round(turn)));
     }
     var bin: Bin;
@@ -62,10 +65,43 @@ fn bin_of(point: f32, column: u32, across: Axis, up: Axis) -> Bin {
         left += bin.width;
         bottom += bin.height;
     }
+    bin.t = clamp((x - bin.left) / bin.width, 0.0, 1.0);
+    return with_slopes(bin, column);
+}
+
+fn with_slopes(given: Bin, column: u32) -> Bin {
+    var bin = given;
+    let slopes = p.logits + 2u * p.bins * p.stride + column;
     bin.next = select(bin.index + 1u, 0u, p.is_circle == 1u && bin.index + 1u == p.bins);
     bin.logits = vec2<f32>(arena[slopes + bin.index * p.stride], arena[slopes + bin.next * p.stride]);
-    bin.t = clamp((x - bin.left) / bin.width, 0.0, 1.0);
     return bin;
+}
+
+// What the forward pass found is kept for the backward pass, in eight rows after the logits.
+fn kept(row: u32, column: u32) -> u32 {
+    return p.logits + (3u * p.bins + 1u + row) * p.stride + column;
+}
+
+fn keep(column: u32, across: Axis, up: Axis, bin: Bin) {
+    arena[kept(0u, column)] = across.largest;
+    arena[kept(1u, column)] = across.scale;
+    arena[kept(2u, column)] = up.largest;
+    arena[kept(3u, column)] = up.scale;
+    arena[kept(4u, column)] = f32(bin.index);
+    arena[kept(5u, column)] = bin.left;
+    arena[kept(6u, column)] = bin.bottom;
+    arena[kept(7u, column)] = bin.t;
+}
+
+fn kept_bin(column: u32, across: Axis, up: Axis) -> Bin {
+    var bin: Bin;
+    bin.index = u32(arena[kept(4u, column)]);
+    bin.left = arena[kept(5u, column)];
+    bin.bottom = arena[kept(6u, column)];
+    bin.t = arena[kept(7u, column)];
+    bin.width = HEADTAIL_LEAST_BIN + free_size(across, bin.index);
+    bin.height = HEADTAIL_LEAST_BIN + free_size(up, bin.index);
+    return with_slopes(bin, column);
 }
 
 fn point_of(column: u32) -> f32 {
@@ -78,7 +114,9 @@ fn spline_forward(@builtin(global_invocation_id) id: vec3<u32>) {
     let column = id.x;
     if (column >= p.count) { return; }
     let across = axis(p.logits + column);
-    let bin = bin_of(point_of(column), column, across, axis(p.logits + p.bins * p.stride + column));
+    let up = axis(p.logits + p.bins * p.stride + column);
+    let bin = bin_of(point_of(column), column, across, up);
+    keep(column, across, up, bin);
     let slopes = vec2<f32>(headtail_slope(bin.logits.x), headtail_slope(bin.logits.y));
     let found = headtail_quadratic(bin.t, bin.height / bin.width, slopes);
     arena[p.log_slope + column] = headtail_ln(found.y);
@@ -122,13 +160,14 @@ fn derivatives_of(bin: Bin, d_log_slope: f32, d_of_value: f32) -> Derivatives {
     return d;
 }
 
-// Through floor and softmax; the exponentials are replaced. `size` and `start` are those of the point's bin, above the floor.
+// Through floor and softmax; the logits are replaced. `size` and `start` are those of the point's bin, above the floor.
 fn softmax_backward(on: Axis, index: u32, size: f32, start: f32, d_size: f32, d_start: f32) {
     let mean = (size * d_size + start * d_start) / (1.0 - f32(p.bins) * HEADTAIL_LEAST_BIN);
     for (var k = 0u; k < p.bins; k++) {
         var own = select(0.0, d_start, k < index);
         if (k == index) { own = d_size; }
-        let free = free_size(on, k);
+        // The device's own exponential is precise enough here.
+        let free = on.scale * exp(arena[on.first + k * p.stride] - on.largest);
         arena[on.first + k * p.stride] = free * (own - mean);
     }
 }
@@ -141,9 +180,9 @@ fn spline_backward(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var k = 0u; k <= 3u * p.bins; k++) { arena[p.logits + k * p.stride + column] = 0.0; }
         return;
     }
-    let across = axis(p.logits + column);
-    let up = axis(p.logits + p.bins * p.stride + column);
-    let bin = bin_of(point_of(column), column, across, up);
+    let across = Axis(p.logits + column, arena[kept(0u, column)], arena[kept(1u, column)]);
+    let up = Axis(p.logits + p.bins * p.stride + column, arena[kept(2u, column)], arena[kept(3u, column)]);
+    let bin = kept_bin(column, across, up);
     var d_of_value = 0.0;
     if (p.has_value == 1u) { d_of_value = arena[p.d_value + column]; }
     let d = derivatives_of(bin, arena[p.d_log_slope + column], d_of_value);

@@ -37,7 +37,7 @@ fn tabulate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_i
     var sum = 0.0;
     for (var k = 0u; k < OWN_COLUMNS; k++) {
         let wi = headtail_direction(vec2<f32>((f32(OWN_COLUMNS * thread + k) + 0.5) / f32(TABLE_COLUMNS), v));
-        sum += surface_reflected(at, wi.xyz) * headtail_floats[HEADTAIL_LIGHT_CELLS + first + k];
+        sum += surface_reflected(at, wi.xyz) * headtail_float(HEADTAIL_LIGHT_CELLS + first + k);
         sums[k] = sum;
     }
     let end = running_sum(thread, sum);

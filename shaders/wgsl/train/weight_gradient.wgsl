@@ -48,6 +48,11 @@ fn store_row(slice: u32, output: u32, input: u32, left: vec4<f32>, right: vec4<f
     }
 }
 
+fn add_step(tile: ptr<function, Tile>, k: u32, local: vec3<u32>) {
+    let row = k * WIDE + 2u * local.y;
+    add_products(tile, derivatives[row], derivatives[row + 1u], inputs[k * 17u + local.x], inputs[k * 17u + 8u + local.x]);
+}
+
 @compute @workgroup_size(8, ROWS)
 fn weight_gradient(
     @builtin(workgroup_id) group: vec3<u32>,
@@ -56,11 +61,9 @@ fn weight_gradient(
 ) {
     let first_input = group.x * 64u;
     let first_output = group.y * 8u * ROWS;
-    var a0 = vec4<f32>(); var a1 = vec4<f32>(); var a2 = vec4<f32>(); var a3 = vec4<f32>();
-    var a4 = vec4<f32>(); var a5 = vec4<f32>(); var a6 = vec4<f32>(); var a7 = vec4<f32>();
-    var b0 = vec4<f32>(); var b1 = vec4<f32>(); var b2 = vec4<f32>(); var b3 = vec4<f32>();
-    var b4 = vec4<f32>(); var b5 = vec4<f32>(); var b6 = vec4<f32>(); var b7 = vec4<f32>();
-    var low = vec4<f32>(); var high = vec4<f32>();
+    var tile = Tile();
+    // Of the output with the number that the thread has along inputs.
+    var bias = 0.0;
     let end = min((group.z + 1u) * p.slice, p.columns);
     for (var column = group.z * p.slice; column < end; column += 4u) {
         // Blocks of four rows and four columns are transposed, of the derivatives one per thread.
@@ -91,33 +94,17 @@ fn weight_gradient(
             inputs[place + 51u] = vec4<f32>(r0.w, r1.w, r2.w, r3.w);
         }
         workgroupBarrier();
-        for (var k = 0u; k < 16u; k++) {
-            let x = inputs[k * 17u + local.x];
-            let y = inputs[k * 17u + 8u + local.x];
-            let f = derivatives[k * WIDE + 2u * local.y];
-            let g = derivatives[k * WIDE + 2u * local.y + 1u];
-            a0 = fma(vec4<f32>(f.x), x, a0); b0 = fma(vec4<f32>(f.x), y, b0);
-            a1 = fma(vec4<f32>(f.y), x, a1); b1 = fma(vec4<f32>(f.y), y, b1);
-            a2 = fma(vec4<f32>(f.z), x, a2); b2 = fma(vec4<f32>(f.z), y, b2);
-            a3 = fma(vec4<f32>(f.w), x, a3); b3 = fma(vec4<f32>(f.w), y, b3);
-            a4 = fma(vec4<f32>(g.x), x, a4); b4 = fma(vec4<f32>(g.x), y, b4);
-            a5 = fma(vec4<f32>(g.y), x, a5); b5 = fma(vec4<f32>(g.y), y, b5);
-            a6 = fma(vec4<f32>(g.z), x, a6); b6 = fma(vec4<f32>(g.z), y, b6);
-            a7 = fma(vec4<f32>(g.w), x, a7); b7 = fma(vec4<f32>(g.w), y, b7);
-            low += f; high += g;
+        add_sixteen_steps(&tile, local);
+        if (first_input == 0u) {
+            for (var k = 0u; k < 16u; k++) { bias += derivatives[k * WIDE + 2u * local.y + local.x / 4u][local.x % 4u]; }
         }
         workgroupBarrier();
     }
     let slice = group.z * p.length;
     let output = first_output + 8u * local.y;
     let input = first_input + 4u * local.x;
-    var left = array<vec4<f32>, 8>(a0, a1, a2, a3, a4, a5, a6, a7);
-    var right = array<vec4<f32>, 8>(b0, b1, b2, b3, b4, b5, b6, b7);
-    for (var k = 0u; k < 8u; k++) { store_row(slice, output + k, input, left[k], right[k]); }
-    if (first_input == 0u && local.x == 0u) {
-        var sums = array<f32, 8>(low.x, low.y, low.z, low.w, high.x, high.y, high.z, high.w);
-        for (var k = 0u; k < 8u; k++) {
-            if (output + k < p.outputs) { store(slice + p.bias + output + k, sums[k]); }
-        }
-    }
+    // A copy: an array with places that are not constants is in memory.
+    var sums = tile;
+    for (var k = 0u; k < 8u; k++) { store_row(slice, output + k, input, sums[k], sums[8u + k]); }
+    if (first_input == 0u && output + local.x < p.outputs) { store(slice + p.bias + output + local.x, bias); }
 }

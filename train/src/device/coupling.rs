@@ -59,7 +59,7 @@ impl<'a> FlowMemory<'a> {
             let coupling = Coupling {
                 inputs: layers.iter().map(|packed| arena.matrix(packed.layer.inputs, stride)).collect(),
                 layers,
-                logits: arena.matrix(config.logits(), stride),
+                logits: arena.logits(config.logits(), stride),
                 own: [now[own], arena.matrix(1, stride).start],
                 other: now[1 - own],
             };

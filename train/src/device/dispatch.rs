@@ -66,6 +66,12 @@ impl Allocator {
         self.length += rows * stride;
         Matrix { start, rows, stride }
     }
+
+    /// Places the logits of splines, and after them what the forward pass keeps for the backward pass.
+    pub fn logits(&mut self, rows: usize, stride: usize) -> Matrix {
+        const KEPT: usize = 8;
+        Matrix { rows, ..self.matrix(rows + KEPT, stride) }
+    }
 }
 
 /// A layer whose weights are in the arena in the order of each pass: `[inputs, outputs]` and
@@ -145,16 +151,16 @@ pub enum Form {
 
 impl Form {
     /// Returns the shader's number, and the place of the other matrix.
-    fn numbers(self) -> [usize; 2] {
+    fn numbers(self) -> (u32, usize) {
         match self {
-            Self::WithBias => [0, 0],
-            Self::Activated => [1, 0],
-            Self::Kept(other) => [2, other.start / 4],
-            Self::Residual(other) => [3, other.start / 4],
-            Self::ThroughActivation => [4, 0],
-            Self::ThroughActivationAdded(other) => [5, other.start / 4],
-            Self::Plain => [6, 0],
-            Self::Added => [7, 0],
+            Self::WithBias => (0, 0),
+            Self::Activated => (1, 0),
+            Self::Kept(other) => (2, other.start / 4),
+            Self::Residual(other) => (3, other.start / 4),
+            Self::ThroughActivation => (4, 0),
+            Self::ThroughActivationAdded(other) => (5, other.start / 4),
+            Self::Plain => (6, 0),
+            Self::Added => (7, 0),
         }
     }
 }
@@ -178,7 +184,7 @@ fn affine(
     (form, bias, slope): (Form, usize, f32),
 ) -> Dispatch {
     let (groups, along) = tiling(rows);
-    let [form, other] = form.numbers();
+    let (form, other) = form.numbers();
     let mut parameters = words([
         factor.start / 4,
         factor.stride / 4,
@@ -188,13 +194,12 @@ fn affine(
         output.rows.min(rows),
         input.rows.min(factor.rows),
         bias,
-        form,
         other,
     ]);
     parameters.push(slope.to_bits());
     let groups = [columns.div_ceil(TILE) as u32, groups as u32, 1];
     let cost = Cost::of_product(output.rows.min(rows), input.rows.min(factor.rows), columns);
-    Dispatch { kernel: Kernel::Affine { rows: along as u32 }, parameters, groups, cost }
+    Dispatch { kernel: Kernel::Affine { rows: along as u32, form }, parameters, groups, cost }
 }
 
 /// Where slices of the gradient are.

@@ -50,7 +50,7 @@ impl Engine {
     /// with.
     pub fn prepare(&mut self, plan: Plan, batch_length: usize, what: &'static str) -> Result<Prepared> {
         for Dispatch { kernel, .. } in plan.dispatches() {
-            let pipeline = || self.gpu.pipeline(Some(&self.pipeline_layout), &kernel.source(), kernel.entry());
+            let pipeline = || self.gpu.pipeline_of_kernel(&self.pipeline_layout, *kernel);
             self.pipelines.entry(*kernel).or_insert_with(pipeline);
         }
         let gpu = &self.gpu;

@@ -139,7 +139,7 @@ impl<'a> Memory<'a> {
             Network {
                 features: arena.matrix(features, columns),
                 hidden,
-                logits: arena.matrix(config.logits(), columns),
+                logits: arena.logits(config.logits(), columns),
                 log_slope: arena.matrix(1, columns).start,
                 of_condition: arena.matrix(first, stride),
                 d_condition: arena.matrix((1 + features) * first, stride),
