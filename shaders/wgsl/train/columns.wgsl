@@ -58,15 +58,19 @@ fn place(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// A first layer: what it makes of a condition, for each of the condition's columns, and of the features.
+// A first layer: what it makes of a condition, for each of the condition's columns, and of the features; eight rows.
 @compute @workgroup_size(64)
 fn first_layer(@builtin(global_invocation_id) id: vec3<u32>) {
     let condition = min(p.first + id.x / p.samples, p.count - 1u);
-    var sum = arena[p.source + id.y * p.source_stride + condition];
-    for (var k = 0u; k < p.feature_count; k++) {
-        sum = fma(arena[p.factors + k * p.factor_stride + id.y], arena[p.features + k * p.stride + id.x], sum);
+    var features = vec2<f32>();
+    if (p.feature_count > 0u) { features.x = arena[p.features + id.x]; }
+    if (p.feature_count > 1u) { features.y = arena[p.features + p.stride + id.x]; }
+    for (var row = 8u * id.y; row < min(8u * id.y + 8u, p.rows); row++) {
+        var sum = arena[p.source + row * p.source_stride + condition];
+        if (p.feature_count > 0u) { sum = fma(arena[p.factors + row], features.x, sum); }
+        if (p.feature_count > 1u) { sum = fma(arena[p.factors + p.factor_stride + row], features.y, sum); }
+        arena[p.output + row * p.stride + id.x] = max(sum, p.slope * sum);
     }
-    arena[p.output + id.y * p.stride + id.x] = max(sum, p.slope * sum);
 }
 
 // The derivative by a feature.

@@ -68,6 +68,7 @@ impl Piece<'_> {
             factor_stride: factors.stride,
             output: output.start,
             stride: output.stride,
+            rows: output.rows,
             feature_count: features,
             samples: self.memory.shape.samples,
             first: self.first,
@@ -75,7 +76,8 @@ impl Piece<'_> {
             slope: slope_of_first,
             ..Columns::default()
         };
-        list.push(first_layer.over(Kernel::FirstLayer, self.columns(), output.rows));
+        // A thread computes eight rows.
+        list.push(first_layer.over(Kernel::FirstLayer, self.columns(), output.rows.div_ceil(8)));
         let mut input = output;
         for (index, layer) in network.layers.iter().enumerate().skip(1) {
             let hidden = network.hidden.get(index).copied();
