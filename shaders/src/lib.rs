@@ -211,7 +211,7 @@ impl Shader {
         }
     }
 
-    /// Returns the shader in a language; text is UTF-8.
+    /// Returns the shader in a language; text is UTF-8. Loops are not counted a second time, as they are for shaders that may not end.
     ///
     /// # Errors
     /// If `naga` rejects the shader or cannot translate it.
@@ -226,12 +226,12 @@ impl Shader {
             Target::Glsl => to_glsl(&module, &info).map_err(refused)?,
             Target::Hlsl => to_hlsl(&module, &info).map_err(refused)?,
             Target::Msl => {
-                let options = msl::Options { lang_version: (2, 0), ..Default::default() };
+                let options = msl::Options { lang_version: (2, 0), force_loop_bounding: false, ..Default::default() };
                 let written = msl::write_string(&module, &info, &options, &Default::default());
                 written.map_err(|error| refused(error.to_string()))?.0
             }
             Target::Spirv => {
-                let options = spv::Options { lang_version: (1, 3), ..Default::default() };
+                let options = spv::Options { lang_version: (1, 3), force_loop_bounding: false, ..Default::default() };
                 let words =
                     spv::write_vec(&module, &info, &options, None).map_err(|error| refused(error.to_string()))?;
                 return Ok(words.into_iter().flat_map(u32::to_le_bytes).collect());
@@ -255,7 +255,8 @@ fn to_glsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<Stri
 }
 
 fn to_hlsl(module: &naga::Module, info: &ModuleInfo) -> std::result::Result<String, String> {
-    let (options, pipeline) = (hlsl::Options::default(), hlsl::PipelineOptions::default());
+    let options = hlsl::Options { force_loop_bounding: false, ..Default::default() };
+    let pipeline = hlsl::PipelineOptions::default();
     let mut text = String::new();
     hlsl::Writer::new(&mut text, &options, &pipeline).write(module, info, None).map_err(|error| error.to_string())?;
     Ok(text)
