@@ -226,7 +226,13 @@ impl Shader {
             Target::Glsl => to_glsl(&module, &info).map_err(refused)?,
             Target::Hlsl => to_hlsl(&module, &info).map_err(refused)?,
             Target::Msl => {
-                let options = msl::Options { lang_version: (2, 0), force_loop_bounding: false, ..Default::default() };
+                // Shaders write workgroup memory before they read it.
+                let options = msl::Options {
+                    lang_version: (2, 0),
+                    force_loop_bounding: false,
+                    zero_initialize_workgroup_memory: false,
+                    ..Default::default()
+                };
                 let written = msl::write_string(&module, &info, &options, &Default::default());
                 written.map_err(|error| refused(error.to_string()))?.0
             }
