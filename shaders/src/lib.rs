@@ -326,7 +326,7 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
 
 /// Returns the sizes of a head's networks, and the layout of its intermediate values in one list: network
 /// inputs (followed by two features), two rows of hidden values that layers alternate between, logits. Layers
-/// read and write whole tiles, what is too much of which has weights of 0.
+/// write whole tiles; what is too much is 0, and overwritten by what belongs there.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
     let &[condition, coupled, encoder, elevation, azimuth, mixture_weight, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));
