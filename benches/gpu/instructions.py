@@ -116,10 +116,10 @@ def measure(path, folder):
     freedom = ["-ffp-contract=fast", "-fgpu-flush-denormals-to-zero", "-mllvm", "-nvptx-prec-divf32=1"]
     run(os.environ.get("CLANG", "clang"), *device, *freedom, "-O3", "-w", "-S", "-o", assembly, source)
     said = run(tool("ptxas"), "-v", "-O3", f"-arch={ARCHITECTURE}", assembly, "-o", binary)
+    listing = run(tool("nvdisasm"), "-c", binary)
     rows = []
     for name, text in re.findall(r"Compiling entry function '(\w+)'(.*?)(?=Compiling entry|\Z)", said, re.DOTALL):
         of = lambda pattern, text=text: int((re.search(pattern, text) or [0, 0])[1])
-        listing = run(tool("nvdisasm"), "-c", binary)
         own = re.search(rf"\.text\.{name}:(.*?)(?=\n\s*\.section|\Z)", listing, re.DOTALL)
         length, loops = innermost_loops(own.group(1) if own else "")
         rows.append({

@@ -155,8 +155,8 @@ impl Program {
             source.push_str(part);
         }
         // Buffers cannot be empty.
-        floats.extend(floats.is_empty().then_some([0.0; 4]).into_iter().flatten());
-        integers.extend(integers.is_empty().then_some(0));
+        floats.resize(floats.len().max(4), 0.0);
+        integers.resize(integers.len().max(1), 0);
         Ok(Self { source, floats, integers, groups, has_visibility: sampler.has_visibility })
     }
 }

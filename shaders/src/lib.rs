@@ -127,7 +127,9 @@ impl Shader {
     /// # Errors
     /// As [`Self::new`].
     pub fn functions(arrays: &[FlatArray], weights: &str) -> Result<Self> {
-        let mut shader = Self::of_arrays(&network::tiled(arrays)?)?;
+        let tiled = network::tiled(arrays)?;
+        let others = arrays.iter().filter(|array| tiled.iter().all(|own| own.name != array.name));
+        let mut shader = Self::of_arrays(others.chain(&tiled))?;
         if arrays.is_empty() {
             shader.append(&[SQUARE]);
             return Ok(shader);
@@ -179,7 +181,7 @@ impl Shader {
     }
 
     /// Returns the bindings of the arrays and the constants of their places, without functions.
-    fn of_arrays(arrays: &[FlatArray]) -> Result<Self> {
+    fn of_arrays<'a>(arrays: impl IntoIterator<Item = &'a FlatArray>) -> Result<Self> {
         let (floats, integers, mut layout) = (Vec::new(), Vec::new(), serde_json::Map::new());
         let source = "@group(0) @binding(0) var<storage, read> headtail_floats: array<vec4<f32>>;\n\
                       @group(0) @binding(1) var<storage, read> headtail_integers: array<u32>;\n\n";
@@ -360,6 +362,13 @@ fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, us
 fn integers_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [u32]> {
     match arrays.iter().find(|array| array.name == name).map(|array| &array.numbers) {
         Some(FlatNumbers::Integers(numbers)) => Ok(numbers),
+        _ => Err(missing(name)),
+    }
+}
+
+fn floats_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [f32]> {
+    match arrays.iter().find(|array| array.name == name).map(|array| &array.numbers) {
+        Some(FlatNumbers::Floats(numbers)) => Ok(numbers),
         _ => Err(missing(name)),
     }
 }

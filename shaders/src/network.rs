@@ -1,24 +1,21 @@
 //! The weights of a head's layers in the order in which shaders read them.
 
-use headtail_sampling::{
-    Result,
-    flat::{FlatArray, FlatNumbers},
-};
+use headtail_sampling::{Result, flat::FlatArray};
 
-use crate::{integers_of, missing};
+use crate::{floats_of, integers_of, missing};
 
 /// Outputs that are computed together: an input is read once for them.
 pub(crate) const TILE: usize = 16;
 
-/// Replaces the layers of [`headtail_sampling::head::Head::flat`] by those of `network.wgsl`; other arrays stay.
+/// Returns the arrays of `network.wgsl`, which take the place of those of [`headtail_sampling::head::Head::flat`] with the same
+/// names; none for samplers without a head.
 ///
 /// - `head.layers` `[layers, 3]`: inputs, outputs, and the start in `head.weights`.
 /// - `head.weights` `[numbers]`: for each layer `[tiles, 1 + inputs, TILE]`, first the biases. Outputs that are not there have
 ///   weights of 0.
 pub(crate) fn tiled(arrays: &[FlatArray]) -> Result<Vec<FlatArray>> {
-    let mut arrays = arrays.to_vec();
-    let Ok(layers) = integers_of(&arrays, "head.layers") else { return Ok(arrays) };
-    let given = floats_of(&arrays, "head.weights")?;
+    let Ok(layers) = integers_of(arrays, "head.layers") else { return Ok(Vec::new()) };
+    let given = floats_of(arrays, "head.weights")?;
     let (mut rows, mut weights) = (Vec::new(), Vec::new());
     for layer in layers.chunks_exact(4) {
         let [inputs, outputs, start, biases] = [0, 1, 2, 3].map(|field| layer[field] as usize);
@@ -40,16 +37,6 @@ pub(crate) fn tiled(arrays: &[FlatArray]) -> Result<Vec<FlatArray>> {
             }
         }
     }
-    let (rows, length) = (FlatArray::integers("head.layers", vec![rows.len() / 3, 3], rows), weights.len());
-    let weights = FlatArray::floats("head.weights", vec![length], weights);
-    arrays.retain(|array| ![rows.name, weights.name].contains(&array.name));
-    arrays.extend([rows, weights]);
-    Ok(arrays)
-}
-
-fn floats_of<'a>(arrays: &'a [FlatArray], name: &str) -> Result<&'a [f32]> {
-    match arrays.iter().find(|array| array.name == name).map(|array| &array.numbers) {
-        Some(FlatNumbers::Floats(numbers)) => Ok(numbers),
-        _ => Err(missing(name)),
-    }
+    let rows = FlatArray::integers("head.layers", vec![rows.len() / 3, 3], rows);
+    Ok(vec![rows, FlatArray::floats("head.weights", vec![weights.len()], weights)])
 }

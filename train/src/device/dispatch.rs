@@ -67,7 +67,8 @@ impl Allocator {
         Matrix { start, rows, stride }
     }
 
-    /// Places the logits of splines, and after them what the forward pass keeps for the backward pass.
+    /// Places the logits of splines, and after them what the forward pass keeps for the backward pass: see
+    /// `spline_gradient.wgsl`.
     pub fn logits(&mut self, rows: usize, stride: usize) -> Matrix {
         const KEPT: usize = 8;
         Matrix { rows, ..self.matrix(rows + KEPT, stride) }
