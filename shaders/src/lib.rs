@@ -327,18 +327,23 @@ fn density_concepts(arrays: &[FlatArray], constant: &mut impl FnMut(&str, usize)
 }
 
 /// Returns the sizes of a head's networks, and the layout of its intermediate values in one list: network
-/// inputs (followed by two features), two rows of hidden values that layers alternate between, logits. Layers
-/// write whole tiles; what is too much is 0, and overwritten by what belongs there.
+/// inputs (followed by two features), two rows of hidden values that layers alternate between, logits, and what both
+/// networks make of a condition. Layers write whole tiles; what is too much is 0, and overwritten by what belongs there.
 fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, usize)>> {
     let &[condition, coupled, encoder, elevation, azimuth, mixture_weight, elevation_bins, azimuth_bins] = shape else {
         return Err(missing("head.shape"));
     };
     let outputs: Vec<usize> = layers.chunks_exact(4).map(|layer| layer[1] as usize).collect();
-    let of_encoder = if encoder > 0 { outputs.get(encoder as usize - 1).copied().unwrap_or(0) } else { 0 };
-    let seen = condition as usize + of_encoder;
+    let of_layer = |layer: u32| outputs.get(layer as usize).copied().unwrap_or(0);
+    let tiles_of_layer = |layer| of_layer(layer).next_multiple_of(network::TILE);
+    let seen = condition as usize + if encoder > 0 { of_layer(encoder - 1) } else { 0 };
     let widest = outputs.iter().copied().max().unwrap_or(0).next_multiple_of(network::TILE);
     let hidden = seen + network::TILE;
     let logits = hidden + 2 * widest;
+    let prepared_azimuth = logits + widest;
+    let prepared_elevation = prepared_azimuth + tiles_of_layer(encoder + elevation);
+    // Elevations that do not see the azimuth are known to the end.
+    let last_prepared = if coupled == 1 { encoder } else { (encoder + elevation).saturating_sub(1) };
     let own = [
         ("head_condition", condition),
         ("head_coupled", coupled),
@@ -354,7 +359,9 @@ fn head_constants(layers: &[u32], shape: &[u32]) -> Result<Vec<(&'static str, us
         ("head_widest", widest),
         ("head_hidden", hidden),
         ("head_logits", logits),
-        ("head_units", logits + widest),
+        ("head_prepared_azimuth", prepared_azimuth),
+        ("head_prepared_elevation", prepared_elevation),
+        ("head_units", prepared_elevation + tiles_of_layer(last_prepared)),
     ];
     Ok(own.into_iter().map(|(name, number)| (name, number as usize)).chain(places).collect())
 }

@@ -14,7 +14,8 @@ fn headtail_three(place: u32, v: vec3<f32>) {
     headtail_units[place + 2u] = v.z;
 }
 
-// The condition, and what the encoder makes of it, at the beginning of the list: what all networks see.
+// The condition, and what the encoder makes of it, at the beginning of the list: what all networks see; and all that depends on it alone, the sums of
+// their first layers or the logits of an elevation that does not see the azimuth.
 fn headtail_see(n: vec3<f32>, wo: vec3<f32>, alpha: f32) {
     if (HEADTAIL_HEAD_CONDITION == 3u) {
         headtail_three(0u, n);
@@ -36,8 +37,14 @@ fn headtail_see(n: vec3<f32>, wo: vec3<f32>, alpha: f32) {
     for (var k = 0u; k < HEADTAIL_HEAD_ENCODER_LAYERS; k++) {
         let is_last = k + 1u == HEADTAIL_HEAD_ENCODER_LAYERS;
         let end = select(HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST, HEADTAIL_HEAD_CONDITION, is_last);
-        headtail_layer(k, start, end, true);
+        headtail_layer(k, 0u, headtail_layer_inputs(k), start, end, true);
         start = end;
+    }
+    headtail_layer(HEADTAIL_AZIMUTH, 0u, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_AZIMUTH, false);
+    if (HEADTAIL_HEAD_COUPLED == 1u) {
+        headtail_layer(HEADTAIL_ELEVATION, 0u, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION, false);
+    } else {
+        headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION);
     }
 }
 
@@ -47,19 +54,24 @@ fn headtail_elevation(u: f32) {
         let place = headtail_cos_sin_turns(u);
         headtail_units[HEADTAIL_HEAD_SEEN] = place.x;
         headtail_units[HEADTAIL_HEAD_SEEN + 1u] = place.y;
+        headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, HEADTAIL_HEAD_PREPARED_ELEVATION, HEADTAIL_HEAD_LOGITS);
+    } else {
+        // Splines overwrite their logits.
+        for (var k = 0u; k <= 3u * HEADTAIL_HEAD_ELEVATION_BINS; k++) {
+            headtail_units[HEADTAIL_HEAD_LOGITS + k] = headtail_units[HEADTAIL_HEAD_PREPARED_ELEVATION + k];
+        }
     }
-    headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, HEADTAIL_HEAD_LOGITS);
 }
 
 // The logits of the azimuth's spline.
 fn headtail_azimuth(v: f32) {
     headtail_units[HEADTAIL_HEAD_SEEN] = v;
-    headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_LOGITS);
+    headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_PREPARED_AZIMUTH, HEADTAIL_HEAD_LOGITS);
 }
 
 // The learned mixture weight of the head beside sampling the BSDF; `prior` is added to its logit.
 fn headtail_head_mixture_weight(prior: f32) -> f32 {
-    headtail_network(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, HEADTAIL_HEAD_LOGITS);
+    headtail_network(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, 0u, HEADTAIL_HEAD_LOGITS);
     return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS] - prior, 88.0)));
 }
 
