@@ -37,67 +37,72 @@ fn headtail_see(n: vec3<f32>, wo: vec3<f32>, alpha: f32) {
     for (var k = 0u; k < HEADTAIL_HEAD_ENCODER_LAYERS; k++) {
         let is_last = k + 1u == HEADTAIL_HEAD_ENCODER_LAYERS;
         let end = select(HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST, HEADTAIL_HEAD_CONDITION, is_last);
-        headtail_layer(k, 0u, headtail_layer_inputs(k), start, end, true);
+        headtail_layer(k, headtail_layer_inputs(k), start, end, true);
         start = end;
     }
-    headtail_layer(HEADTAIL_AZIMUTH, 0u, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_AZIMUTH, false);
+    headtail_layer(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_AZIMUTH, false);
     if (HEADTAIL_HEAD_COUPLED == 1u) {
-        headtail_layer(HEADTAIL_ELEVATION, 0u, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION, false);
+        headtail_layer(HEADTAIL_ELEVATION, HEADTAIL_HEAD_SEEN, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION, false);
     } else {
-        headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION);
+        headtail_layers(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, 0u, HEADTAIL_HEAD_PREPARED_ELEVATION);
     }
 }
 
-// The logits of the elevation's spline; coupled layers see where on the circle u is.
-fn headtail_elevation(u: f32) {
-    if (HEADTAIL_HEAD_COUPLED == 1u) {
-        let place = headtail_cos_sin_turns(u);
+// The logits of the azimuth's spline, which sees the elevation, or of the elevation's; coupled ones see where on the circle the azimuth is.
+fn headtail_logits(of_azimuth: bool, seen: f32) {
+    if (of_azimuth) {
+        headtail_units[HEADTAIL_HEAD_SEEN] = seen;
+    } else if (HEADTAIL_HEAD_COUPLED == 1u) {
+        let place = headtail_cos_sin_turns(seen);
         headtail_units[HEADTAIL_HEAD_SEEN] = place.x;
         headtail_units[HEADTAIL_HEAD_SEEN + 1u] = place.y;
-        headtail_network(HEADTAIL_ELEVATION, HEADTAIL_HEAD_ELEVATION_LAYERS, HEADTAIL_HEAD_PREPARED_ELEVATION, HEADTAIL_HEAD_LOGITS);
     } else {
         // Splines overwrite their logits.
         for (var k = 0u; k <= 3u * HEADTAIL_HEAD_ELEVATION_BINS; k++) {
             headtail_units[HEADTAIL_HEAD_LOGITS + k] = headtail_units[HEADTAIL_HEAD_PREPARED_ELEVATION + k];
         }
+        return;
     }
+    let first = select(HEADTAIL_ELEVATION, HEADTAIL_AZIMUTH, of_azimuth);
+    let count = select(HEADTAIL_HEAD_ELEVATION_LAYERS, HEADTAIL_HEAD_AZIMUTH_LAYERS, of_azimuth);
+    headtail_network(first, count, select(HEADTAIL_HEAD_PREPARED_ELEVATION, HEADTAIL_HEAD_PREPARED_AZIMUTH, of_azimuth));
 }
 
-// The logits of the azimuth's spline.
-fn headtail_azimuth(v: f32) {
-    headtail_units[HEADTAIL_HEAD_SEEN] = v;
-    headtail_network(HEADTAIL_AZIMUTH, HEADTAIL_HEAD_AZIMUTH_LAYERS, HEADTAIL_HEAD_PREPARED_AZIMUTH, HEADTAIL_HEAD_LOGITS);
+fn headtail_bins(of_azimuth: bool) -> u32 {
+    return select(HEADTAIL_HEAD_ELEVATION_BINS, HEADTAIL_HEAD_AZIMUTH_BINS, of_azimuth);
 }
 
 // The learned mixture weight of the head beside sampling the BSDF; `prior` is added to its logit.
 fn headtail_head_mixture_weight(prior: f32) -> f32 {
-    headtail_network(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, 0u, HEADTAIL_HEAD_LOGITS);
+    headtail_layers(HEADTAIL_MIXTURE_WEIGHT, HEADTAIL_HEAD_MIXTURE_WEIGHT_LAYERS, 0u, HEADTAIL_HEAD_LOGITS);
     return 0.02 + 0.96 / (1.0 + headtail_exp(min(-headtail_units[HEADTAIL_HEAD_LOGITS] - prior, 88.0)));
 }
 
-// The point that a uniform point z is carried to, and the density there.
+// The point that a uniform point z is carried to, and the density there. One loop for both splines, since functions are written out wherever they
+// are called.
 fn headtail_head_draw(z: vec2<f32>) -> vec3<f32> {
-    var u: vec2<f32>;
-    var v: vec2<f32>;
-    if (HEADTAIL_HEAD_COUPLED == 1u) {
-        headtail_azimuth(z.y);
-        u = headtail_spline_forward(z.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
-        headtail_elevation(u.x);
-        v = headtail_spline_forward(z.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
-    } else {
-        headtail_elevation(0.0);
-        v = headtail_spline_forward(z.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
-        headtail_azimuth(v.x);
-        u = headtail_spline_forward(z.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
+    var at = z;
+    var density = 1.0;
+    for (var k = 0u; k < 2u; k++) {
+        let of_azimuth = (k == 0u) == (HEADTAIL_HEAD_COUPLED == 1u);
+        headtail_logits(of_azimuth, select(at.x, at.y, of_azimuth));
+        let drawn = headtail_spline_forward(select(at.y, at.x, of_azimuth), headtail_bins(of_azimuth), of_azimuth);
+        at = select(vec2<f32>(at.x, drawn.x), vec2<f32>(drawn.x, at.y), of_azimuth);
+        density *= drawn.y;
     }
-    return vec3<f32>(u.x, v.x, u.y * v.y);
+    return vec3<f32>(at, density);
 }
 
 // The density at a point.
 fn headtail_head_density(point: vec2<f32>) -> f32 {
-    headtail_elevation(point.x);
-    let v = headtail_spline_inverse(point.y, HEADTAIL_HEAD_ELEVATION_BINS, false);
-    headtail_azimuth(select(point.y, v.x, HEADTAIL_HEAD_COUPLED == 1u));
-    let u = headtail_spline_inverse(point.x, HEADTAIL_HEAD_AZIMUTH_BINS, true);
-    return u.y * v.y;
+    var seen = point.x;
+    var density = 1.0;
+    for (var k = 0u; k < 2u; k++) {
+        let of_azimuth = k == 1u;
+        headtail_logits(of_azimuth, seen);
+        let back = headtail_spline_inverse(select(point.y, point.x, of_azimuth), headtail_bins(of_azimuth), of_azimuth);
+        seen = select(point.y, back.x, HEADTAIL_HEAD_COUPLED == 1u);
+        density *= back.y;
+    }
+    return density;
 }

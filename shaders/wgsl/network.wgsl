@@ -20,39 +20,25 @@ fn headtail_weights(row: u32, k: u32) -> vec4<f32> {
     return headtail_floats[(row << 2u) | k];
 }
 
-// One layer, from the place `start` to the place `end`: the biases with the first `inputs` inputs, or, unless `prepared` is 0, the sums at that place
-// with the inputs after the condition, which is in them.
-fn headtail_layer(layer: u32, prepared: u32, inputs: u32, start: u32, end: u32, is_leaky: bool) {
+// One layer with its first `inputs` inputs, from the place `start` to the place `end`.
+fn headtail_layer(layer: u32, inputs: u32, start: u32, end: u32, is_leaky: bool) {
     let at = HEADTAIL_HEAD_LAYERS + 3u * layer;
     let rows = 1u + headtail_integers[at];
     let outputs = headtail_integers[at + 1u];
     var biases = (HEADTAIL_HEAD_WEIGHTS + headtail_integers[at + 2u]) >> 4u;
     let slope = select(1.0, headtail_float(HEADTAIL_HEAD_SLOPE), is_leaky);
-    let first = select(HEADTAIL_HEAD_SEEN, 0u, prepared == 0u);
     for (var output = 0u; output < outputs; output += 16u) {
-        var a: vec4<f32>;
-        var b: vec4<f32>;
-        var c: vec4<f32>;
-        var d: vec4<f32>;
-        if (prepared == 0u) {
-            a = headtail_weights(biases, 0u);
-            b = headtail_weights(biases, 1u);
-            c = headtail_weights(biases, 2u);
-            d = headtail_weights(biases, 3u);
-        } else {
-            a = headtail_units_at(prepared + output);
-            b = headtail_units_at(prepared + output + 4u);
-            c = headtail_units_at(prepared + output + 8u);
-            d = headtail_units_at(prepared + output + 12u);
-        }
-        var row = biases + 1u + first;
-        for (var input = first; input < inputs; input++) {
+        var a = headtail_weights(biases, 0u);
+        var b = headtail_weights(biases, 1u);
+        var c = headtail_weights(biases, 2u);
+        var d = headtail_weights(biases, 3u);
+        for (var input = 0u; input < inputs; input++) {
+            let row = biases + 1u + input;
             let unit = vec4<f32>(headtail_units[start + input]);
             a = fma(headtail_weights(row, 0u), unit, a);
             b = fma(headtail_weights(row, 1u), unit, b);
             c = fma(headtail_weights(row, 2u), unit, c);
             d = fma(headtail_weights(row, 3u), unit, d);
-            row += 1u;
         }
         headtail_write_units(end + output, a, slope);
         headtail_write_units(end + output + 4u, b, slope);
@@ -62,19 +48,41 @@ fn headtail_layer(layer: u32, prepared: u32, inputs: u32, start: u32, end: u32, 
     }
 }
 
+// A layer whose sums of biases and of what is seen are at the place `prepared`, with the features after these.
+fn headtail_layer_of_features(layer: u32, prepared: u32, end: u32, is_leaky: bool) {
+    let at = HEADTAIL_HEAD_LAYERS + 3u * layer;
+    let inputs = headtail_integers[at];
+    let outputs = headtail_integers[at + 1u];
+    let weights = ((HEADTAIL_HEAD_WEIGHTS + headtail_integers[at + 2u]) >> 4u) + 1u;
+    let slope = select(1.0, headtail_float(HEADTAIL_HEAD_SLOPE), is_leaky);
+    for (var output = 0u; output < outputs; output += 4u) {
+        let row = weights + (output >> 4u) * (1u + inputs);
+        var sum = headtail_units_at(prepared + output);
+        for (var input = HEADTAIL_HEAD_SEEN; input < inputs; input++) {
+            sum = fma(headtail_weights(row + input, (output >> 2u) & 3u), vec4<f32>(headtail_units[input]), sum);
+        }
+        headtail_write_units(end + output, sum, slope);
+    }
+}
+
 fn headtail_layer_inputs(layer: u32) -> u32 {
     return headtail_integers[HEADTAIL_HEAD_LAYERS + 3u * layer];
 }
 
-// Layers from what is seen to `end`, the first one as `prepared` says; the last one has no activation.
-fn headtail_network(first: u32, count: u32, prepared: u32, end: u32) {
-    var start = 0u;
-    var sums = prepared;
+// Layers from the place `start` to `end`; the last one has no activation.
+fn headtail_layers(first: u32, count: u32, input: u32, end: u32) {
+    var start = input;
     for (var k = 0u; k < count; k++) {
         let is_last = k + 1u == count;
         let next = select(HEADTAIL_HEAD_HIDDEN + (k & 1u) * HEADTAIL_HEAD_WIDEST, end, is_last);
-        headtail_layer(first + k, sums, headtail_layer_inputs(first + k), start, next, !is_last);
+        headtail_layer(first + k, headtail_layer_inputs(first + k), start, next, !is_last);
         start = next;
-        sums = 0u;
     }
+}
+
+// Layers from prepared sums to the logits.
+fn headtail_network(first: u32, count: u32, prepared: u32) {
+    let hidden = HEADTAIL_HEAD_HIDDEN + HEADTAIL_HEAD_WIDEST;
+    headtail_layer_of_features(first, prepared, select(hidden, HEADTAIL_HEAD_LOGITS, count == 1u), count > 1u);
+    headtail_layers(first + 1u, count - 1u, hidden, HEADTAIL_HEAD_LOGITS);
 }
