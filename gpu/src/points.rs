@@ -19,9 +19,6 @@ impl ViewWords {
     pub const LEAST: usize = 32;
 
     /// Returns the words of samples `samples.0..samples.1` of a part of a view, whose light estimates take `groups`.
-    ///
-    /// # Panics
-    /// If the points are not those of a lattice.
     pub fn new(view: &View<'_>, part: Part, points: Points, samples: (u32, u32), groups: &[Dimension]) -> Self {
         let camera = view.camera;
         let (to_world, principal) = (camera.to_world(), camera.principal_point());
@@ -41,9 +38,9 @@ impl ViewWords {
         for sample in samples.0..samples.1 {
             let points = points.at_sample(sample);
             let mut add = |points: Points, dimension: Dimension| {
-                let common = points.common(dimension);
-                let CommonNumbers { numbers, counter } = common.expect("the points are those of a lattice");
-                words.extend(numbers.into_iter().chain(counter));
+                let CommonNumbers { numbers, counter, first_word, are_scrambled } = points.common(dimension);
+                words.extend(numbers[..3].iter().chain(&counter));
+                words.push(first_word as u32 | u32::from(are_scrambled));
             };
             add(points, Dimension::Camera);
             for bounce in 0..depth {

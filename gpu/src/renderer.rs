@@ -19,7 +19,7 @@ use headtail_shaders::gpu::{Gpu, GpuError};
 use wgpu::{BufferBindingType, ShaderStages};
 
 use crate::{
-    error::{Error, Result},
+    error::Result,
     points::ViewWords,
     program::{BINDINGS, Binding, ENTRY_POINT, FILM_VECTORS, LitScene, Program, WORKGROUP_SIDE},
     visibility::visibility_words,
@@ -101,7 +101,7 @@ impl Renderer {
     /// `headtail_render::integrator::render_part` does.
     ///
     /// # Errors
-    /// If the points are not those of a lattice, the film is too large, or the device fails.
+    /// If the film is too large, or the device fails.
     pub fn render(
         &self,
         view: &View<'_>,
@@ -111,10 +111,6 @@ impl Renderer {
         stop: &AtomicBool,
         progress: &dyn Fn(f64),
     ) -> Result<Rendering> {
-        if !matches!(points.set(), PointSet::Lattice { .. }) {
-            let what = format!("{} points", points.set());
-            return Err(Error::NotCovered { what, instead: "choose --points lattice" });
-        }
         let start = Instant::now();
         let film = self.gpu.buffer("the picture", (16 * FILM_VECTORS * part.width * part.height) as u64)?;
         let learn = |estimator| learn_weights((*view, part), estimator, budget, points.seed(), stop);

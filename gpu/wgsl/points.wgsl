@@ -1,4 +1,4 @@
-// The view, and the numbers of lattice points: what all pixels share comes from the host, the shift of each pixel is drawn here.
+// The view, and the numbers of points: what all pixels share comes from the host, the shift or the scrambling of each pixel is drawn here.
 
 struct HeadtailView {
     // Position in metres; half the image's height at distance 1.
@@ -13,13 +13,13 @@ struct HeadtailView {
     part: vec4<u32>,
     // First row in the part; number of samples; the seed's low and high word.
     work: vec4<u32>,
-    // For each sample its groups of numbers: three numbers, three words of a counter.
+    // For each sample its groups of numbers: three numbers, three words of a counter; its first word, 0 or 2, and whether they are scrambled, 1.
     numbers: array<u32>,
 }
 
 @group(0) @binding(6) var<storage, read> headtail_view: HeadtailView;
 
-const HEADTAIL_GROUP: u32 = 6u;
+const HEADTAIL_GROUP: u32 = 7u;
 
 // The upper half of a product of two words.
 fn headtail_multiply_high(a: u32, b: u32) -> u32 {
@@ -46,13 +46,24 @@ fn headtail_philox(given: vec4<u32>, seed: vec2<u32>) -> vec4<u32> {
     return counter;
 }
 
+// Digits of numbers, the first in bit 0, permuted by seeds: see `owen.rs` of headtail-sampling.
+fn headtail_scramble(before_seed: vec3<u32>, seed: vec3<u32>) -> vec3<u32> {
+    var x = (before_seed + seed) * ((seed >> vec3<u32>(16u)) | vec3<u32>(1u));
+    x ^= x * 0x05526c56u;
+    return reverseBits(x ^ (x * 0x53a22864u));
+}
+
 // Three numbers in [0, 1) of a group of the host's, for a pixel's key.
 fn headtail_numbers(group: u32, key: u32) -> vec3<f32> {
     let at = HEADTAIL_GROUP * group;
     let base = vec3<u32>(headtail_view.numbers[at], headtail_view.numbers[at + 1u], headtail_view.numbers[at + 2u]);
     let counter = vec4<u32>(key, headtail_view.numbers[at + 3u], headtail_view.numbers[at + 4u], headtail_view.numbers[at + 5u]);
-    let words = headtail_philox(counter, headtail_view.work.zw).xyz + base;
-    return vec3<f32>(words >> vec3<u32>(8u)) * (1.0 / 16777216.0);
+    let kind = headtail_view.numbers[at + 6u];
+    let words = headtail_philox(counter, headtail_view.work.zw);
+    let seeds = select(words.xyz, words.zwx, kind >= 2u);
+    var bits = base + seeds;
+    if ((kind & 1u) == 1u) { bits = headtail_scramble(base, seeds); }
+    return vec3<f32>(bits >> vec3<u32>(8u)) * (1.0 / 16777216.0);
 }
 
 // A pixel's place on Morton's curve: the key of its numbers.

@@ -4,7 +4,7 @@
   const content = JSON.parse(find("content").textContent);
   const { view, round, bindings } = content;
   const { width, height } = view;
-  const HEADER = 28, GROUP = 6, FILM = bindings.indexOf("Film"), VIEW = bindings.indexOf("View");
+  const HEADER = 28, GROUP = 7, FILM = bindings.indexOf("Film"), VIEW = bindings.indexOf("View");
   // Milliseconds of a dispatch, and most samples in one; most samples of a pixel, which the address may lower.
   const SLICE = 12, MOST_AT_ONCE = 16;
   let most = 1 << 20;

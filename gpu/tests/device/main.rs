@@ -42,7 +42,7 @@ const SAMPLES: u32 = 8;
 const APART: f64 = 0.02;
 const NEAR: f32 = 1e-3;
 /// Largest difference of the mean over all pixels: differing samples are as good as new ones, and few.
-const MEAN: f64 = 1e-3;
+const MEAN: f64 = 3e-4;
 
 struct Case {
     scene: &'static str,
@@ -51,10 +51,11 @@ struct Case {
     spec: &'static str,
     depth: u32,
     unshadowed: bool,
+    points: PointSet,
 }
 
 const fn case(scene: &'static str, map: &'static str, material: Option<&'static str>, spec: &'static str) -> Case {
-    Case { scene, map, material, spec, depth: 1, unshadowed: false }
+    Case { scene, map, material, spec, depth: 1, unshadowed: false, points: PointSet::LATTICE }
 }
 
 const LAMBERT: Option<&str> = Some("lambert");
@@ -71,7 +72,7 @@ const VISIBILITY: &str = "{visibility}";
 /// The scene of `furnished.rs`.
 const FURNISHED: &str = "furnished";
 
-const CASES: [Case; 26] = [
+const CASES: [Case; 28] = [
     case("temple", "studio", LAMBERT, "brdf"),
     case("temple", "studio", LAMBERT, "head+mis:../checkpoints/studio-head.safetensors"),
     case("temple", "sunset", LAMBERT, "split:2:direct+mis:{table}"),
@@ -89,6 +90,8 @@ const CASES: [Case; 26] = [
     Case { depth: 4, ..case("bedroom", "window", None, "mis2-comp") },
     case("bedroom", "sunset", None, "mis2:portals"),
     case("bedroom", "window", LAMBERT, "split:3:portals+mis"),
+    Case { depth: 3, points: PointSet::Sobol, ..case("bedroom", "studio", None, "split:3:mis2-comp") },
+    Case { depth: 2, points: PointSet::Independent, ..case("dishes", "window", GGX, "ris:4") },
     Case { unshadowed: true, ..case("arcade", "sunset", LAMBERT, "mis2-comp") },
     case(FURNISHED, "sunset", None, "split:4:patches"),
     Case { depth: 3, ..case(FURNISHED, "studio", None, "brdf") },
@@ -102,8 +105,8 @@ const CASES: [Case; 26] = [
 
 impl Case {
     fn name(&self) -> String {
-        let Self { scene, map, material, spec, depth, .. } = self;
-        format!("{spec} on {scene} under {map}, {}, depth {depth}", material.unwrap_or("own materials"))
+        let Self { scene, map, material, spec, depth, points, .. } = self;
+        format!("{spec} on {scene} under {map}, {}, depth {depth}, {points}", material.unwrap_or("own materials"))
     }
 
     fn check(&self, gpu: Arc<Gpu>) -> Result<(), Failed> {
@@ -130,7 +133,7 @@ impl Case {
         let (depth, unshadowed) = (self.depth, self.unshadowed);
         let (width, height) = (WIDTH, HEIGHT);
         let view = View { scene: &scene, camera: &camera, environment: &environment, width, height, unshadowed, depth };
-        let (points, stop) = (Points::new(PointSet::LATTICE, 3), AtomicBool::new(false));
+        let (points, stop) = (Points::new(self.points, 3), AtomicBool::new(false));
         if self.spec.contains(VISIBILITY) {
             let patches = LearnedVisibility::new(environment.clone(), Detail::Leaves, LearnedVisibility::MEMORY)?;
             learn_visibility(view, &patches, None, (4, 1), &stop, &|_| {}).write(&visibility)?;

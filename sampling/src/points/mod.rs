@@ -93,14 +93,19 @@ impl Dimension {
     }
 }
 
-/// What all pixels share of a group of numbers. A pixel of key `k` adds the words that Philox4x32-7 gives for the
-/// counter `[k, counter]` under the seed, and the upper 24 bits of each sum are the number, as a fraction of 2^24.
+/// What all pixels share of a group of numbers. A pixel of key `k` takes the words that Philox4x32-7 gives for the
+/// counter `[k, counter]` under the seed, from `first_word` on and cyclically. Each is added to its number, or is the
+/// seed that scrambles it; the upper 24 bits of the result are a fraction of 2^24.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CommonNumbers {
-    /// Three numbers before the shift, as fractions of 2^32.
-    pub numbers: [u32; 3],
-    /// The rest of the counter of the shift.
+    /// Numbers before the shift, as fractions of 2^32, or before they are scrambled.
+    pub numbers: [u32; 4],
+    /// The rest of the counter.
     pub counter: [u32; 3],
+    /// The first number's word, 0 or 2.
+    pub first_word: usize,
+    /// Whether numbers are scrambled: see `owen.rs`.
+    pub are_scrambled: bool,
 }
 
 /// The numbers of one sample of each pixel, at one bounce of its path.
@@ -173,41 +178,36 @@ impl Points {
         }
         let mut columns = out.into_iter();
         let columns = std::array::from_fn(|_| columns.next());
+        of_keys(self.common(dimension), self.seed, columns);
+    }
+
+    /// Returns what all pixels share of a group, for renderers on other devices.
+    pub fn common(&self, dimension: Dimension) -> CommonNumbers {
         let address = dimension.address(self.bounce);
         match self.set {
             PointSet::Independent => {
                 let counter = [self.sample, address.sequence, address.index];
-                independent(counter, self.seed, address.column, columns);
+                CommonNumbers { numbers: [0; 4], counter, first_word: address.column, are_scrambled: false }
             }
-            PointSet::Sobol => self.draw_sobol(address, columns),
-            PointSet::Lattice { .. } => self.draw_lattice(address, columns),
+            PointSet::Sobol => self.common_of_sobol(address),
+            PointSet::Lattice { .. } => self.common_of_lattice(address),
         }
     }
 
-    /// Returns what all pixels share of the first three numbers of a group of lattice points, for renderers on other
-    /// devices; `None` for other kinds of points.
-    pub fn common(&self, dimension: Dimension) -> Option<CommonNumbers> {
-        let PointSet::Lattice { .. } = self.set else { return None };
-        Some(self.common_of_lattice(dimension.address(self.bounce)))
-    }
-
-    fn draw_sobol(&self, Address { sequence, column, index, of }: Address, columns: Columns<'_>) {
+    fn common_of_sobol(&self, Address { sequence, column, index, of }: Address) -> CommonNumbers {
         // After 2^32 points of a sequence, another scrambling begins.
         let point = u64::from(self.sample) * u64::from(of) + u64::from(index);
         let (round, mut point) = ((point >> 32) as u32, point as u32);
         if sequence != PRIMARY {
             point = owen::shuffle(point, self.order(sequence, round, SOBOL));
         }
-        let numbers = std::array::from_fn(|dimension| owen::before_seed(sobol::reversed(point, dimension)));
-        scrambled([round, sequence, SOBOL], self.seed, numbers, column, columns);
+        let number = |place| owen::before_seed(sobol::reversed(point, (column + place) % sobol::DIMENSIONS));
+        let counter = [round, sequence, SOBOL];
+        CommonNumbers { numbers: std::array::from_fn(number), counter, first_word: column, are_scrambled: true }
     }
 
-    /// Draws from the lattices of a number of samples; later samples come from the same lattices with other shifts.
-    fn draw_lattice(&self, address: Address, columns: Columns<'_>) {
-        let CommonNumbers { numbers: [first, second, third], counter } = self.common_of_lattice(address);
-        shifted(counter, self.seed, [first, second, third, 0], columns);
-    }
-
+    /// Returns numbers of the lattices of a number of samples; later samples come from the same lattices with other
+    /// shifts.
     fn common_of_lattice(&self, Address { sequence, column, index, of }: Address) -> CommonNumbers {
         let round = self.sample / self.lattice.samples();
         let purpose = match (sequence, column) {
@@ -217,8 +217,9 @@ impl Points {
             (3 | 5, _) => 2,
             (other, _) => other + lattice::PURPOSES as u32,
         };
-        let numbers = self.lattice.numbers(self.sample, purpose, (index, of));
-        CommonNumbers { numbers, counter: [round, sequence, LATTICE | column as u32] }
+        let [first, second, third] = self.lattice.numbers(self.sample, purpose, (index, of));
+        let counter = [round, sequence, LATTICE | column as u32];
+        CommonNumbers { numbers: [first, second, third, 0], counter, first_word: 0, are_scrambled: false }
     }
 
     /// Returns a random number for a sequence as a whole.
@@ -237,43 +238,19 @@ const LATTICE: u32 = 1 << 30;
 const ORDER: u32 = 1 << 29;
 
 vectorized! {
-    /// Computes words `from..` of each key and `others`, as numbers in `[0, 1)`. The keys are the bits of the
-    /// first column, which is overwritten.
-    fn independent['a](_simd, others: [u32; 3], seed: u64, from: usize, columns: Columns<'a>) {
+    /// Computes the numbers of each key. The keys are the bits of the first column, which is overwritten.
+    fn of_keys['a](_simd, common: CommonNumbers, seed: u64, columns: Columns<'a>) {
+        let CommonNumbers { numbers, counter: [second, third, fourth], first_word, are_scrambled } = common;
         let mut columns = columns;
         for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
             let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
-            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
-            for (column, word) in columns.iter_mut().flatten().zip(from..) {
-                column[strip] = owen::unit(words[word & 3]);
-            }
-        }
-    }
-}
-
-vectorized! {
-    /// Scrambles `numbers`, common to all keys (see [`owen::before_seed`]), by the words `from..` of each key
-    /// and `others`.
-    fn scrambled['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; sobol::DIMENSIONS], from: usize, columns: Columns<'a>) {
-        let mut columns = columns;
-        for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
-            let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
-            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
-            for (column, dimension) in columns.iter_mut().flatten().zip(from..) {
-                column[strip] = owen::scramble([numbers[dimension & 3]; LANES], words[dimension & 3]);
-            }
-        }
-    }
-}
-
-vectorized! {
-    /// Adds random words of each key and `others` to `numbers`, which are fractions of 2^32, modulo 1.
-    fn shifted['a](_simd, others: [u32; 3], seed: u64, numbers: [u32; 4], columns: Columns<'a>) {
-        let mut columns = columns;
-        for strip in 0..columns[0].as_ref().map_or(0, |column| column.len()) {
-            let keys = columns[0].as_ref().map_or([0; LANES], |column| column[strip].map(f32::to_bits));
-            let words = philox([keys, [others[0]; LANES], [others[1]; LANES], [others[2]; LANES]], seed);
-            for ((column, mut word), number) in columns.iter_mut().flatten().zip(words).zip(numbers) {
+            let words = philox([keys, [second; LANES], [third; LANES], [fourth; LANES]], seed);
+            for (place, (column, number)) in columns.iter_mut().flatten().zip(numbers).enumerate() {
+                let mut word = words[(first_word + place) & 3];
+                if are_scrambled {
+                    column[strip] = owen::scramble([number; LANES], word);
+                    continue;
+                }
                 for lane in 0..LANES {
                     word[lane] = word[lane].wrapping_add(number);
                 }
