@@ -54,26 +54,26 @@ fn headtail_box(least: vec3<f32>, greatest: vec3<f32>, origin: vec3<f32>, invers
     return select(HEADTAIL_FAR, near, near <= far);
 }
 
-// The hit of a triangle if it is nearer than `hit` (Moeller and Trumbore 1997).
-fn headtail_triangle(at: u32, ray: HeadtailRay, question: HeadtailQuestion, hit: HeadtailHit) -> HeadtailHit {
-    let a = headtail_geometry[at].xyz;
+// The hit of a triangle if it is nearer than `hit`, by the operations of `meet` in headtail-render's `probe.rs`. It is no nearer than the box that the
+// triangle is in; of triangles at the same distance, coincident ones, the first in the scene is hit.
+fn headtail_triangle(at: u32, enters: f32, ray: HeadtailRay, question: HeadtailQuestion, hit: HeadtailHit) -> HeadtailHit {
+    let first = headtail_geometry[at];
     let second = headtail_geometry[at + 1u];
-    let edge_1 = second.xyz - a;
-    let edge_2 = headtail_geometry[at + 2u].xyz - a;
-    let p = cross(ray.direction, edge_2);
-    let determinant = dot(edge_1, p);
-    if (determinant == 0.0) { return hit; }
-    let is_back = determinant < 0.0;
-    if (question.is_camera && is_back && (bitcast<u32>(second.w) & HEADTAIL_SINGLE_SIDED) != 0u) { return hit; }
-    let inverse = 1.0 / determinant;
-    let from_a = ray.origin - a;
-    let u = dot(from_a, p) * inverse;
-    let q = cross(from_a, edge_1);
-    let v = dot(ray.direction, q) * inverse;
-    let t = dot(edge_2, q) * inverse;
-    if (!(u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t >= 0.0 && t < hit.t)) { return hit; }
+    let edge_1 = first.xyz - second.xyz;
+    let edge_2 = headtail_geometry[at + 2u].xyz - first.xyz;
+    let normal = cross(edge_1, edge_2);
+    let c = first.xyz - ray.origin;
+    let r = cross(ray.direction, c);
+    let inverse = 1.0 / dot(normal, ray.direction);
+    let u = dot(edge_2, r) * inverse;
+    let v = dot(edge_1, r) * inverse;
+    let exact = dot(normal, c) * inverse;
+    let t = max(exact, enters);
+    if (!(u >= 0.0 && v >= 0.0 && 1.0 - u - v >= 0.0 && exact >= 0.0 && t <= hit.t)) { return hit; }
+    if (t == hit.t && bitcast<u32>(headtail_geometry[hit.triangle].w) <= bitcast<u32>(first.w)) { return hit; }
+    if (question.is_camera && inverse < 0.0 && (bitcast<u32>(second.w) & HEADTAIL_SINGLE_SIDED) != 0u) { return hit; }
     let is_masked = (bitcast<u32>(second.w) & HEADTAIL_MASKED) != 0u;
-    if (is_masked && !headtail_is_opaque(bitcast<u32>(headtail_geometry[at].w), vec3<f32>(1.0 - u - v, u, v))) { return hit; }
+    if (is_masked && !headtail_is_opaque(bitcast<u32>(first.w), vec3<f32>(1.0 - u - v, u, v))) { return hit; }
     return HeadtailHit(t, u, v, at);
 }
 
@@ -83,16 +83,18 @@ fn headtail_trace(ray: HeadtailRay, question: HeadtailQuestion) -> HeadtailHit {
     // Without infinities, whose products devices may round to anything.
     let steep = abs(ray.direction) < vec3<f32>(1e-20);
     let inverse = 1.0 / select(ray.direction, vec3<f32>(1e-20), steep);
-    var stack: array<u32, HEADTAIL_STACK>;
+    // Nodes that wait, and where the ray enters their boxes.
+    var stack: array<vec2<u32>, HEADTAIL_STACK>;
     var height = 0u;
     var current = HEADTAIL_ROOT;
+    var enters = 0.0;
     loop {
         var next = HEADTAIL_NONE;
         if ((current & 0x80000000u) != 0u) {
             let count = (current >> 24u) & 0x7fu;
             let first = current & 0xffffffu;
             for (var k = 0u; k < count; k++) {
-                hit = headtail_triangle(HEADTAIL_TRIANGLES + 3u * (first + k), ray, question, hit);
+                hit = headtail_triangle(HEADTAIL_TRIANGLES + 3u * (first + k), enters, ray, question, hit);
             }
             if (question.is_any && hit.triangle != HEADTAIL_NONE) { return hit; }
         } else {
@@ -105,19 +107,22 @@ fn headtail_trace(ray: HeadtailRay, question: HeadtailQuestion) -> HeadtailHit {
             let is_second_nearer = second < first;
             let nearer = select(bitcast<u32>(a.w), bitcast<u32>(c.w), is_second_nearer);
             let farther = select(bitcast<u32>(c.w), bitcast<u32>(a.w), is_second_nearer);
-            if (min(first, second) < HEADTAIL_FAR) {
+            enters = min(first, second);
+            if (enters < HEADTAIL_FAR) {
                 next = nearer;
                 if (max(first, second) < HEADTAIL_FAR) {
-                    stack[height] = farther;
+                    stack[height] = vec2<u32>(farther, bitcast<u32>(max(first, second)));
                     height += 1u;
                 }
             }
         }
-        if (next == HEADTAIL_NONE) {
-            if (height == 0u) { break; }
+        while (next == HEADTAIL_NONE && height > 0u) {
             height -= 1u;
-            next = stack[height];
+            let last = stack[height];
+            enters = bitcast<f32>(last.y);
+            if (enters <= hit.t) { next = last.x; }
         }
+        if (next == HEADTAIL_NONE) { break; }
         current = next;
     }
     return hit;
